@@ -1,0 +1,129 @@
+"""One deforming body: its points in 3D over time, before it is placed in a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class DatasetError(ValueError):
+    """Input data that cannot be used. The message is one line: what, where, and the remedy."""
+
+
+class MissingData(DatasetError):
+    """A file that is not there; the message says how to get it."""
+
+
+def no_edges() -> NDArray[np.int64]:
+    return np.zeros((0, 2), dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A single body as its source gives it.
+
+    Parameters
+    ----------
+    name : str
+        Short name, e.g. ``dance``.
+    structure : (F, 3, P) array
+        Points over time, in the source's units and axes.
+    edges : (E, 2) int array
+        Pairs of points joined by a bone or neighbours on a surface; for drawing and spatial terms.
+    vertical : {"y", "z"}
+        The axis of ``structure`` that points up.
+    cameras : (F, 2, 3) array or None
+        The body's own cameras, where its source has them.
+    digest : str
+        What the numbers were made from: SHA-256 of the file, or the generator and its settings.
+    stand_in : bool
+        True for generated data that takes the place of a real sequence.
+
+    Raises
+    ------
+    DatasetError
+        If the structure is not a finite (F, 3, P) array or an edge names a point that is not there.
+    """
+
+    name: str
+    structure: Array
+    edges: NDArray[np.int64] = field(default_factory=no_edges)
+    vertical: str = "z"
+    cameras: Array | None = None
+    digest: str = ""
+    stand_in: bool = False
+
+    def __post_init__(self) -> None:
+        S = self.structure
+        if S.ndim != 3 or S.shape[1] != 3 or 0 in S.shape:
+            raise DatasetError(f"body {self.name}: structure has shape {S.shape}, wanted (frames, 3, points)")
+        if not np.isfinite(S).all():
+            raise DatasetError(f"body {self.name}: structure holds NaN or infinite values; remove those points or frames")
+        if self.edges.size and (self.edges.min() < 0 or self.edges.max() >= S.shape[2]):
+            raise DatasetError(f"body {self.name}: edges name points outside 0..{S.shape[2] - 1}")
+        if self.cameras is not None and self.cameras.shape != (S.shape[0], 2, 3):
+            raise DatasetError(f"body {self.name}: cameras have shape {self.cameras.shape}, wanted {(S.shape[0], 2, 3)}")
+
+    @property
+    def n_frames(self) -> int:
+        return self.structure.shape[0]
+
+    @property
+    def n_points(self) -> int:
+        return self.structure.shape[2]
+
+
+def centre(structure: Array) -> Array:
+    """Subtract each frame's centroid from an (F, k, P) array."""
+    return structure - structure.mean(axis=2, keepdims=True)
+
+
+def spread(structure: Array) -> float:
+    """Mean over frames and axes of the standard deviation over points: the unit of length of scenes."""
+    return float(structure.std(axis=2).mean())
+
+
+def register(structure: Array, rounds: int = 10) -> Array:
+    """Remove a body's own rigid rotation by generalised Procrustes analysis.
+
+    Every frame is rotated (proper rotations alone) onto a reference: the first frame, then, round after
+    round, the mean of the rotated frames.
+
+    Parameters
+    ----------
+    structure : (F, 3, P) array
+        Points over time; centred per frame before it is rotated.
+    rounds : int
+        Times the reference is renewed.
+
+    Returns
+    -------
+    (F, 3, P) array
+        Centred and rotated copy.
+
+    References
+    ----------
+    Gower, "Generalized Procrustes analysis", Psychometrika 1975.
+    """
+    S = centre(structure)
+    reference = S[0]
+    for _ in range(rounds):
+        U, _, Vt = np.linalg.svd(np.einsum("ip,fjp->fij", reference, S))
+        flip = np.ones((len(S), 3))
+        flip[:, 2] = np.sign(np.linalg.det(U @ Vt))
+        rotated = ((U * flip[:, None, :]) @ Vt) @ S
+        reference = rotated.mean(axis=0)
+    return rotated
+
+
+def upright(structure: Array, vertical: str) -> Array:
+    """Turn an (F, 3, P) structure so that z points up (``vertical`` names the axis that does so now)."""
+    if vertical == "z":
+        return structure
+    if vertical == "y":
+        return structure[:, [2, 0, 1]]
+    raise DatasetError(f"vertical axis is {vertical!r}, wanted 'y' or 'z'")

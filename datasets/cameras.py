@@ -1,0 +1,28 @@
+"""Orthographic cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from datasets.body import Array
+
+
+def orbit(n_frames: int, degrees_per_frame: float = 5.0) -> Array:
+    """A camera that circles the vertical z axis, its image y axis kept vertical.
+
+    Returns
+    -------
+    (n_frames, 2, 3) array
+        Rows ``[cos a, sin a, 0]`` and ``[0, 0, 1]`` with ``a = degrees_per_frame * frame``; orthonormal.
+    """
+    a = np.deg2rad(degrees_per_frame) * np.arange(n_frames)
+    R = np.zeros((n_frames, 2, 3))
+    R[:, 0, 0] = np.cos(a)
+    R[:, 0, 1] = np.sin(a)
+    R[:, 1, 2] = 1.0
+    return R
+
+
+def project(cameras: Array, structure: Array) -> Array:
+    """W = R S: (F, 2, 3) cameras and (F, 3, P) structure to (F, 2, P) tracks."""
+    return cameras @ structure

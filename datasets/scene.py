@@ -1,0 +1,193 @@
+"""Scenes: bodies placed beside each other before one orthographic camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datasets.body import Array, Body, DatasetError, centre, no_edges, spread, upright
+from datasets.cameras import orbit, project
+from datasets.noise import add_noise
+
+PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a trial works on: 2D tracks, and the truth where it is known.
+
+    Parameters
+    ----------
+    name : str
+        Short name, part of every seed.
+    tracks : (F, 2, P) array
+        Image coordinates.
+    bodies : tuple of str
+        Names of the bodies, in the order of the labels.
+    labels : (P,) int array or None
+        Index of each track's body.
+    structure : (F, 3, P) array or None
+        True points, centred per frame.
+    cameras : (F, 2, 3) array or None
+        Orthographic cameras with orthonormal rows.
+    visible : (F, P) bool array or None
+        False where a track is not observed; None when all are.
+    edges : (E, 2) int array
+        Bones or surface neighbours.
+    digest : str
+        Hash of the data files (or of the generator's settings) behind the scene.
+    stand_in : bool
+        True when generated bodies take the place of real sequences that were not found.
+
+    Raises
+    ------
+    DatasetError
+        On shapes that do not fit each other, non-finite observed tracks, or cameras that are not orthonormal.
+    """
+
+    name: str
+    tracks: Array
+    bodies: tuple[str, ...] = ()
+    labels: NDArray[np.int64] | None = None
+    structure: Array | None = None
+    cameras: Array | None = None
+    visible: NDArray[np.bool_] | None = None
+    edges: NDArray[np.int64] = field(default_factory=no_edges)
+    digest: str = ""
+    stand_in: bool = False
+
+    def __post_init__(self) -> None:
+        W = self.tracks
+        if W.ndim != 3 or W.shape[1] != 2 or W.shape[0] < 2 or W.shape[2] < 2:
+            raise DatasetError(f"scene {self.name}: tracks have shape {W.shape}, wanted (frames >= 2, 2, points >= 2)")
+        n_frames, _, n_points = W.shape
+        wanted = {
+            "structure": (n_frames, 3, n_points),
+            "cameras": (n_frames, 2, 3),
+            "labels": (n_points,),
+            "visible": (n_frames, n_points),
+        }
+        for key, shape in wanted.items():
+            value = getattr(self, key)
+            if value is not None and value.shape != shape:
+                raise DatasetError(f"scene {self.name}: {key} has shape {value.shape}, wanted {shape}")
+        bad = ~np.isfinite(W).all(axis=1)
+        if self.visible is not None:
+            bad &= self.visible
+        if bad.any():
+            frame, point = np.argwhere(bad)[0]
+            raise DatasetError(
+                f"scene {self.name}: {int(bad.sum())} track positions are NaN or infinite (first: frame {frame}, "
+                f"point {point}); remove those tracks or mark them as not visible"
+            )
+        if self.cameras is not None:
+            off = np.abs(self.cameras @ self.cameras.transpose(0, 2, 1) - np.eye(2)).max()
+            if not off < 1e-6:
+                raise DatasetError(f"scene {self.name}: camera rows are not orthonormal (off by {off:.2g})")
+
+    @property
+    def n_frames(self) -> int:
+        return self.tracks.shape[0]
+
+    @property
+    def n_points(self) -> int:
+        return self.tracks.shape[2]
+
+    @property
+    def n_bodies(self) -> int | None:
+        """Number of bodies, None when there are no labels."""
+        return None if self.labels is None else len(np.unique(self.labels))
+
+    def with_noise(self, level: float, repeat: int = 0) -> Scene:
+        """A copy with noise on the tracks (see :func:`datasets.noise.add_noise`)."""
+        return replace(self, tracks=add_noise(self.tracks, level, repeat, self.name))
+
+
+def offset(placement: str | Sequence[float]) -> Array:
+    """The step between consecutive bodies: ``paper`` [0, 4, 0], ``intersecting`` zero, or three numbers."""
+    if isinstance(placement, str):
+        if placement not in PLACEMENTS:
+            names = ", ".join(PLACEMENTS)
+            raise DatasetError(f"dataset.placement is {placement!r}, wanted one of {names}, or three numbers [x,y,z]")
+        return np.array(PLACEMENTS[placement])
+    step = np.asarray(placement, dtype=float)
+    if step.shape != (3,) or not np.isfinite(step).all():
+        raise DatasetError(f"dataset.placement is {list(placement)}, wanted three finite numbers [x,y,z]")
+    return step
+
+
+def compose(
+    bodies: Sequence[Body],
+    *,
+    name: str | None = None,
+    placement: str | Sequence[float] = "paper",
+    turn_upright: bool = False,
+    scale: bool = True,
+    n_frames: int | None = None,
+    degrees_per_frame: float = 5.0,
+) -> Scene:
+    """Place bodies beside each other and view them with one orbiting camera.
+
+    Each body is centred per frame and scaled to unit spread over its whole sequence, then all are cut to the
+    shortest; body k is moved by k times the placement's step; the scene is centred per frame and scaled to
+    unit spread. Spread is the mean over frames and axes of the standard deviation over points.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        One or more.
+    name : str, optional
+        Scene name; the bodies' names joined by ``_`` by default.
+    placement : {"paper", "intersecting"} or three numbers
+        Step from each body to the next, in units of one body's spread.
+    turn_upright : bool
+        Turn every body so that its vertical is z, the axis the camera circles.
+    scale : bool
+        Scale each body to unit spread; off keeps the sources' units.
+    n_frames : int, optional
+        Keep the first frames alone.
+    degrees_per_frame : float
+        The camera's step.
+
+    Returns
+    -------
+    Scene
+        With W = R S exactly.
+
+    Raises
+    ------
+    DatasetError
+        If there is no body, the placement is unknown or fewer frames exist than asked for.
+    """
+    if not bodies:
+        raise DatasetError("dataset.bodies is empty, wanted at least one body")
+    step = offset(placement)
+    shortest = min(b.n_frames for b in bodies)
+    if n_frames is not None and not 2 <= n_frames <= shortest:
+        raise DatasetError(f"dataset.frames is {n_frames}, but the bodies allow 2..{shortest}")
+    parts, edges, start = [], [], 0
+    for k, body in enumerate(bodies):
+        S = centre(upright(body.structure, body.vertical) if turn_upright else body.structure)
+        size = spread(S)
+        if size == 0:
+            raise DatasetError(f"body {body.name}: all points coincide, so it cannot be scaled")
+        parts.append((S / size if scale else S)[: n_frames or shortest] + k * step[:, None])
+        edges.append(body.edges + start)
+        start += body.n_points
+    structure = centre(np.concatenate(parts, axis=2))
+    structure /= spread(structure)
+    cameras = orbit(len(structure), degrees_per_frame)
+    return Scene(
+        name=name or "_".join(b.name for b in bodies),
+        tracks=project(cameras, structure),
+        bodies=tuple(b.name for b in bodies),
+        labels=np.repeat(np.arange(len(bodies)), [b.n_points for b in bodies]),
+        structure=structure,
+        cameras=cameras,
+        edges=np.concatenate(edges),
+        digest=" ".join(b.digest for b in bodies),
+        stand_in=any(b.stand_in for b in bodies),
+    )
