@@ -6,9 +6,10 @@ face, walking, shark: Torresani, Hertzmann, Bregler, PAMI 2008 (the shark is sto
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from datasets.sources import sha256
 
 
 @dataclass(frozen=True)
-class Sequence_:
+class Recording:
     """Where a sequence's numbers are and how they are laid out.
 
     ``interleaved`` files hold S (3F, P) with rows x, y, z per frame; ``blocks`` hold P3_gt (3F, P) with F rows
@@ -39,15 +40,110 @@ class Sequence_:
         return "z" if self.layout == "interleaved" else "y"
 
 
-SEQUENCES: Mapping[str, Sequence_] = {
-    "drink": Sequence_("drink.mat", 1102, 41),
-    "pickup": Sequence_("pickup.mat", 357, 41),
-    "yoga": Sequence_("yoga.mat", 307, 41),
-    "stretch": Sequence_("stretch.mat", 370, 41),
-    "dance": Sequence_("dance.mat", 264, 75, registered="procrustes"),
-    "face": Sequence_("face.mat", 316, 40, layout="blocks", registered="procrustes"),
-    "walking": Sequence_("walking.mat", 260, 55, layout="blocks", registered="procrustes"),
-    "shark": Sequence_("jaws.mat", 240, 91, layout="blocks", registered="cameras"),
+SEQUENCES: Mapping[str, Recording] = {
+    "drink": Recording("drink.mat", 1102, 41),
+    "pickup": Recording("pickup.mat", 357, 41),
+    "yoga": Recording("yoga.mat", 307, 41),
+    "stretch": Recording("stretch.mat", 370, 41),
+    "dance": Recording("dance.mat", 264, 75, registered="procrustes"),
+    "face": Recording("face.mat", 316, 40, layout="blocks", registered="procrustes"),
+    "walking": Recording("walking.mat", 260, 55, layout="blocks", registered="procrustes"),
+    "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered="cameras"),
 }
 SHARK_CAMERAS = "jaws_cameras.mat"
 MOTIONS = ("registered", "native")
+
+
+def recording(name: str) -> Recording:
+    """Look a sequence up by name; raises DatasetError that lists the names."""
+    if name not in SEQUENCES:
+        raise DatasetError(f"dataset.bodies names {name!r}, which is none of {', '.join(SEQUENCES)}")
+    return SEQUENCES[name]
+
+
+def files(name: str, motion: str = "registered") -> list[str]:
+    """The files, relative to the data folder, that :func:`load_body` reads."""
+    source = recording(name)
+    registered_apart = motion == "registered" and source.registered == "cameras"
+    return [f"mocap/{SHARK_CAMERAS if registered_apart else source.file}"]
+
+
+def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
+    """Read one sequence.
+
+    Parameters
+    ----------
+    folder : Path
+        The data folder, which holds ``mocap/``.
+    name : str
+        One of :data:`SEQUENCES`.
+    motion : {"registered", "native"}
+        ``registered`` removes the body's own rigid rotation; ``native`` takes the file as it is.
+
+    Raises
+    ------
+    MissingData
+        If the file is not there.
+    DatasetError
+        If it cannot be read, its layout is not the documented one, or the name or motion is unknown.
+    """
+    if motion not in MOTIONS:
+        raise DatasetError(f"dataset.motion is {motion!r}, wanted one of {', '.join(MOTIONS)}")
+    source = recording(name)
+    path = folder / files(name, motion)[0]
+    shape = (source.n_frames, 3, source.n_points)
+    edges = no_edges()
+    if path.name == SHARK_CAMERAS:
+        S = _expect(path, "S", read_mat(path, ["S"])["S"], (3, source.n_points, source.n_frames)).transpose(2, 0, 1)
+    elif source.layout == "blocks":
+        stacked = _expect(path, "P3_gt", read_mat(path, ["P3_gt"])["P3_gt"], (3 * source.n_frames, source.n_points))
+        S = stacked.reshape(3, source.n_frames, source.n_points).transpose(1, 0, 2)
+    else:
+        S = _expect(path, "S", read_mat(path, ["S"])["S"], (3 * source.n_frames, source.n_points)).reshape(shape)
+        if source.registered == "stored":
+            edges = _bones(path, source.n_points)
+    if motion == "registered" and source.registered == "procrustes":
+        S = register(S)
+    return Body(
+        name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, cameras=None, digest=sha256(path)
+    )
+
+
+def _expect(path: Path, field: str, value: Array, shape: tuple[int, ...]) -> Array:
+    if value.shape != shape:
+        raise DatasetError(f"{path}: field {field} has shape {value.shape}, wanted {shape}; is it the right file?")
+    if not np.isfinite(value).all():
+        raise DatasetError(f"{path}: field {field} holds NaN or infinite values; fetch it again with 'harness data get'")
+    return value
+
+
+def _bones(path: Path, n_points: int) -> NDArray[np.int64]:
+    """The bones of ``list`` (1-based pairs of points)."""
+    pairs = read_mat(path, ["list"])["list"].astype(np.int64) - 1
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.min() < 0 or pairs.max() >= n_points:
+        raise DatasetError(f"{path}: field list is not a list of pairs of the {n_points} points")
+    return pairs
+
+
+def load_scene(
+    folder: Path,
+    bodies: Sequence[str],
+    *,
+    motion: str = "registered",
+    missing: Callable[[str, Recording], Body] | None = None,
+    **placement: Any,
+) -> Scene:
+    """Compose a scene of any of the eight sequences; ``placement`` goes to :func:`datasets.scene.compose`.
+
+    ``missing`` makes the body that takes the place of a sequence whose file is absent; without it an absent
+    file raises MissingData.
+    """
+    loaded = []
+    for name in bodies:
+        try:
+            loaded.append(load_body(folder, name, motion))
+        except MissingData:
+            if missing is None:
+                raise
+            loaded.append(missing(name, recording(name)))
+    return compose(loaded, **placement)

@@ -1,0 +1,98 @@
+"""Scenes by the settings of the ``dataset`` group."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from datasets import mocap, procedural, sources
+from datasets.body import Body, DatasetError, MissingData
+from datasets.scene import Scene
+
+Settings = Mapping[str, Any]
+
+
+def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scene:
+    """The scene that the settings describe.
+
+    Parameters
+    ----------
+    settings : mapping
+        ``source`` (mocap, procedural), ``name``, and the source's own settings; see ``conf/dataset``.
+    folder : Path
+        The data folder.
+    stand_in : bool
+        Let generated bodies of the same size take the place of real sequences that are not there.
+
+    Raises
+    ------
+    DatasetError
+        If a setting or a file cannot be used; MissingData if a file is absent.
+    """
+    return _source(settings)[0](settings, folder, stand_in)
+
+
+def digest(settings: Settings, folder: Path, stand_in: bool = False) -> str:
+    """Identity of the data behind a scene, without making it: hashes of the files, or the generator's version."""
+    return _source(settings)[1](settings, folder, stand_in)
+
+
+def _placement(settings: Settings) -> dict[str, Any]:
+    return {
+        "name": settings["name"],
+        "placement": settings["placement"],
+        "turn_upright": settings["upright"],
+        "scale": settings["scale"],
+        "degrees_per_frame": settings["degrees_per_frame"],
+    }
+
+
+def _mocap(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    def generated(name: str, source: mocap.Recording) -> Body:
+        kind = "face" if name in ("face", "shark") else "person"
+        return procedural.stand_in(name, source.n_frames, source.n_points, kind)
+
+    return mocap.load_scene(
+        folder,
+        settings["bodies"],
+        motion=settings["motion"],
+        missing=generated if stand_in else None,
+        n_frames=settings["frames"],
+        **_placement(settings),
+    )
+
+
+def _mocap_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    parts = []
+    for name in settings["bodies"]:
+        path = folder / mocap.files(name, settings["motion"])[0]
+        if path.is_file():
+            parts.append(sources.sha256(path))
+        elif stand_in:
+            parts.append(procedural.VERSION)
+        else:
+            raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
+    return " ".join(parts)
+
+
+def _procedural(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return procedural.load_scene(
+        settings["bodies"], settings["points"], settings["frames"], settings["seed"], **_placement(settings)
+    )
+
+
+def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return procedural.VERSION
+
+
+SOURCES: dict[str, tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]] = {
+    "mocap": (_mocap, _mocap_digest),
+    "procedural": (_procedural, _procedural_digest),
+}
+
+
+def _source(settings: Settings) -> tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]:
+    if settings.get("source") not in SOURCES:
+        raise DatasetError(f"dataset.source is {settings.get('source')!r}, wanted one of {', '.join(SOURCES)}")
+    return SOURCES[settings["source"]]

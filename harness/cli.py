@@ -1,0 +1,163 @@
+"""The command line: ``harness VERB ...``. Thin: every verb lives in a module of its own."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from harness.experiments import Settings
+
+USAGE = """\
+usage: harness VERB ...
+
+  run [-m] [OVERRIDES]     one trial, a sweep, or an experiment (a Hydra application; every Hydra flag works)
+  plan [OVERRIDES]         what run would do: trials done, missing and failed, expected time and memory
+  report [TABLES] [OVERRIDES]  rebuild the paper's tables from the tracker; runs no method
+  compare [OVERRIDES]      measured against a blessed baseline or the published numbers; exit code 1 when worse
+  bless NAME --reason ...  record what was measured as a baseline
+  list [methods|datasets|experiments]
+  data list|get|verify|where
+  sync                     bring every trial record into the tracker
+  ui                       open the MLflow interface on the store
+
+  harness run dataset=dance_yoga method=ours
+  harness run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02
+  harness run +experiment=table1 && harness report table1
+
+'harness VERB --help' says more. Exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; returns its exit code. No error of the user's ends in a traceback."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(USAGE, end="")
+        return 0 if arguments else 3
+    if arguments[0] == "--version":
+        from importlib import metadata
+
+        print(f"nrsfm-harness {metadata.version('nrsfm-harness')}")
+        return 0
+    verb, rest = arguments[0], arguments[1:]
+    if verb not in VERBS:
+        print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
+        return 3
+    from datasets.body import DatasetError
+    from harness.record import UsageError
+
+    try:
+        return VERBS[verb](rest)
+    except UsageError as error:
+        print(f"harness {verb}: {error}", file=sys.stderr)
+        return 3
+    except DatasetError as error:
+        print(f"harness {verb}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"harness {verb}: interrupted; what was finished is kept", file=sys.stderr)
+        return 128 + signal.SIGINT
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except OSError as error:
+        if error.filename is None and error.errno is None:
+            raise
+        print(f"harness {verb}: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        return 2
+
+
+def _run(argv: list[str]) -> int:
+    from harness.run import main as run
+
+    return run(argv)
+
+
+def _plan(argv: list[str]) -> int:
+    from harness.plan import main as plan
+
+    return plan(argv)
+
+
+def _report(argv: list[str]) -> int:
+    from harness.report import main as report
+
+    return report(argv)
+
+
+def _compare(argv: list[str]) -> int:
+    from harness.compare import main as compare
+
+    return compare(argv)
+
+
+def _bless(argv: list[str]) -> int:
+    from harness.compare import bless_main
+
+    return bless_main(argv)
+
+
+def _list(argv: list[str]) -> int:
+    from harness.listing import main as listing
+
+    return listing(argv)
+
+
+def _data(argv: list[str]) -> int:
+    from harness.data import main as data
+
+    return data(argv, _settings([]).data)
+
+
+def _sync(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser("harness sync", description="Bring every trial record into the tracker.")
+    parser.add_argument("overrides", nargs="*", help="such as output=... or tracking=server tracking.uri=...")
+    from harness.tracking import Tracker
+
+    settings = _settings(parser.parse_args(argv).overrides)
+    written = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
+    print(f"{written} run{'' if written == 1 else 's'} written to {settings.tracking_uri}")
+    return 0
+
+
+def _ui(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser("harness ui", description="Open the MLflow interface on the store.")
+    parser.add_argument("--port", type=int, default=5000)
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("overrides", nargs="*", help="such as output=...")
+    given = parser.parse_args(argv)
+    from harness.tracking import Tracker
+
+    settings = _settings(given.overrides)
+    if settings.tracking_uri.startswith(("http://", "https://")):
+        print(settings.tracking_uri)
+        return 0
+    _ = Tracker(settings.tracking_uri, settings.output).client
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", settings.tracking_uri]
+    command += ["--host", given.host, "--port", str(given.port)]
+    print(f"http://{given.host}:{given.port} shows {settings.tracking_uri}; Ctrl-C stops it", flush=True)
+    os.execv(sys.executable, command)
+
+
+def _settings(overrides: Sequence[str]) -> Settings:
+    from harness.experiments import compose_config, read
+
+    return read(compose_config(overrides))[1]
+
+
+VERBS: dict[str, Callable[[list[str]], int]] = {
+    "run": _run,
+    "plan": _plan,
+    "report": _report,
+    "compare": _compare,
+    "bless": _bless,
+    "list": _list,
+    "data": _data,
+    "sync": _sync,
+    "ui": _ui,
+}

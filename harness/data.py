@@ -1,0 +1,200 @@
+"""The verb ``harness data``: what public data there is, and getting, checking and finding it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from datasets import sources
+from datasets.body import DatasetError
+
+OK, FAILED, USAGE = 0, 2, 3
+
+EXAMPLES = """\
+examples:
+  harness data list               every file of the catalogue: state, size, terms, source
+  harness data get                fetch whatever is absent
+  harness data get mocap          one group
+  harness data get drink shark    the files of two sequences
+  harness data verify             check what is there against its SHA-256
+  NRSFM_DATA=~/nrsfm harness data where
+
+exit codes: 0 fine, 2 a file is missing or wrong, 3 wrong usage
+The folder is NRSFM_DATA where that is set. Without any files the procedural scenes stand in for the real
+sequences, and every page says so."""
+
+
+class _Usage(Exception):
+    """The command line is not one of this verb's."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise _Usage(f"{self.prog}: {message}; see '{self.prog} --help'")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="harness data",
+        description="Public data: list it, fetch it, check it, and say where it is kept.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where}", required=True)
+    names = "a group (mocap), a file (mocap/drink.mat, drink) or a sequence (shark); all by default"
+    for verb, text in (
+        ("list", "every file: state, size, terms, source"),
+        (
+            "get",
+            "fetch the files that are absent or damaged; a file is put in its place only once its SHA-256 is right",
+        ),
+        ("verify", "check the SHA-256 of what is there; files that are named must be there"),
+    ):
+        verbs.add_parser(verb, help=text, description=text).add_argument("names", nargs="*", metavar="NAME", help=names)
+    text = "print the data folder, and whether it comes from NRSFM_DATA"
+    verbs.add_parser("where", help=text, description=text)
+    return parser
+
+
+def main(argv: Sequence[str], folder: Path) -> int:
+    """Run the verb.
+
+    Parameters
+    ----------
+    argv : sequence of str
+        What follows ``harness data``.
+    folder : Path
+        The data folder.
+
+    Returns
+    -------
+    int
+        0 fine, 2 a file is missing or wrong, 3 wrong usage.
+    """
+    try:
+        asked = _parser().parse_args(list(argv))
+        return {"list": _list, "get": _get, "verify": _verify, "where": _where}[asked.verb](folder, asked)
+    except _Usage as error:
+        return _say(str(error), USAGE)
+    except SystemExit as stop:  # --help
+        return int(stop.code or 0)
+    except DatasetError as error:
+        return _say(str(error), FAILED)
+    except KeyboardInterrupt:
+        return _say(
+            "interrupted; the files that had come whole are kept, 'harness data get' goes on from there", FAILED
+        )
+    except BrokenPipeError:  # ``harness data list | head``
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+
+
+def _say(line: str, code: int) -> int:
+    print(line, file=sys.stderr)
+    return code
+
+
+def _chosen(names: Sequence[str]) -> list[str]:
+    try:
+        sources.select(names)
+    except DatasetError as error:
+        raise _Usage(str(error)) from None
+    return list(names)
+
+
+def _size(n: int) -> str:
+    return f"{n / 1e6:.1f} MB"
+
+
+def _list(folder: Path, asked: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    found = sources.status(folder, _chosen(asked.names))
+    table = Table("file", "state", "size", "terms", "source", box=None, pad_edge=False, header_style="bold")
+    table.columns[2].justify = "right"
+    for file, state in found:
+        table.add_row(file.path, state, _size(file.size), file.terms, file.source)
+    console = Console(markup=False, highlight=False, width=None if sys.stdout.isatty() else 200)
+    console.print(table)
+    n = sum(state == sources.PRESENT for _, state in found)
+    console.print(f"\n{n} of {len(found)} in {folder}", soft_wrap=True)
+    sys.stdout.flush()
+    return OK
+
+
+def _get(folder: Path, asked: argparse.Namespace) -> int:
+    names = _chosen(asked.names)
+    wanted = [file for file, state in sources.verify(folder, names) if state != sources.PRESENT]
+    if not wanted:
+        print(f"all {len(sources.select(names))} files are in {folder}")
+        return OK
+    results = _with_progress(folder, wanted)
+    failed: dict[str, list[str]] = {}
+    for file, error in results:
+        if error is None:
+            print(f"{file.path}  {_size(file.size)}  fetched")
+        else:
+            failed.setdefault(str(error).removeprefix(f"{file.path}: "), []).append(file.path)
+    for reason, paths in failed.items():
+        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+        print(f"{paths[0]}{more}: {reason}", file=sys.stderr)
+    if not failed:
+        return OK
+    n = sum(map(len, failed.values()))
+    return _say(
+        f"{n} of {len(results)} files could not be had; where a real sequence is absent the procedural scenes "
+        "stand in, and are labelled so",
+        FAILED,
+    )
+
+
+def _with_progress(folder: Path, wanted: Sequence[sources.File]) -> list[tuple[sources.File, DatasetError | None]]:
+    """Fetch, with a bar on a terminal and in silence elsewhere."""
+    paths = [file.path for file in wanted]
+    if not sys.stdout.isatty():
+        return sources.get(folder, paths)
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, transient=True) as bars:
+        total = bars.add_task("all", total=sum(file.size for file in wanted))
+        done: dict[str, int] = {}
+
+        def progress(file: sources.File, n: int) -> None:
+            done[file.path] = n
+            bars.update(total, completed=sum(done.values()), description=file.path)
+
+        return sources.get(folder, paths, progress)
+
+
+def _verify(folder: Path, asked: argparse.Namespace) -> int:
+    by_state: dict[str, list[str]] = {sources.PRESENT: [], sources.CHANGED: [], sources.ABSENT: []}
+    for file, state in sources.verify(folder, _chosen(asked.names)):
+        by_state[state].append(file.path)
+    right, changed, absent = by_state.values()
+    for path in right:
+        print(f"{path}  ok")
+    for path in changed:
+        print(f"{path} is not the file of the catalogue; 'harness data get {path}' replaces it", file=sys.stderr)
+    if absent and asked.names:
+        return _say(f"not in {folder}: {', '.join(absent)}; 'harness data get' fetches them", FAILED)
+    if not right and not changed:
+        return _say(f"none of the files is in {folder}; 'harness data get' fetches them", FAILED)
+    if absent:
+        print(f"{len(absent)} files are not there; 'harness data get' fetches them")
+    return FAILED if changed else OK
+
+
+def _where(folder: Path, asked: argparse.Namespace) -> int:
+    named = os.environ.get("NRSFM_DATA", "")
+    print(folder)
+    if named and Path(named).expanduser().absolute() == folder.absolute():
+        print("from NRSFM_DATA" + ("" if folder.is_dir() else "; it is not there yet, 'harness data get' makes it"))
+    else:
+        print("not from NRSFM_DATA" + (f", which is {named}" if named else ", which is not set"))
+    return OK

@@ -1,0 +1,199 @@
+"""From configuration to trials: composition, and the grid that a sweep spans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_module
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from harness.record import Trial, UsageError
+
+MISSING = ("error", "stand_in")
+RERUN = ("none", "failed", "all")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How and where a trial runs: all of the configuration that does not change its result.
+
+    Parameters
+    ----------
+    output : Path
+        Root of everything written.
+    data : Path
+        Folder of the real sequences.
+    tracking_uri : str
+    missing : {"error", "stand_in"}
+        What an absent sequence becomes.
+    rerun : {"none", "failed", "all"}
+    threads : int
+        BLAS threads of a trial.
+    seconds, memory_gb : float
+        Limits of a trial.
+    sweep : str
+    """
+
+    output: Path
+    data: Path
+    tracking_uri: str
+    missing: str = "error"
+    rerun: str = "none"
+    threads: int = 1
+    seconds: float = 3600.0
+    memory_gb: float = 8.0
+    sweep: str = ""
+
+    @property
+    def trials(self) -> Path:
+        return self.output / "trials"
+
+
+def read(cfg: DictConfig) -> tuple[Trial, Settings]:
+    """Split a composed configuration into what is asked and how it is carried out.
+
+    Raises
+    ------
+    UsageError
+        If a value is missing or of the wrong kind.
+    """
+    try:
+        plain = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+    except OmegaConfBaseException as error:
+        raise UsageError(f"configuration: {one_line(error)}") from None
+    assert isinstance(plain, dict)
+    for key, allowed in (("missing", MISSING), ("rerun", RERUN)):
+        if plain[key] not in allowed:
+            raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")
+    for key, low in (("limits.seconds", 0), ("limits.memory_gb", 0), ("threads", 1)):
+        value = OmegaConf.select(cfg, key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0 or value < low:
+            raise UsageError(f"{key} is {value!r}, wanted a positive number")
+    return trial_of(plain), Settings(
+        output=Path(plain["output"]).resolve(),
+        data=Path(plain["data"]).resolve(),
+        tracking_uri=tracking_uri(plain),
+        missing=plain["missing"],
+        rerun=plain["rerun"],
+        threads=int(plain["threads"]),
+        seconds=float(plain["limits"]["seconds"]),
+        memory_gb=float(plain["limits"]["memory_gb"]),
+        sweep=str(plain["sweep"] or ""),
+    )
+
+
+def tracking_uri(plain: Mapping[str, Any]) -> str:
+    """The tracker's address; a SQLite file's path made absolute."""
+    uri = str(plain["tracking"]["uri"])
+    if uri.startswith("sqlite:///"):
+        return f"sqlite:///{Path(uri.removeprefix('sqlite:///')).resolve()}"
+    return uri
+
+
+def trial_of(plain: Mapping[str, Any]) -> Trial:
+    """The Trial of a resolved configuration; raises UsageError on values that no trial can have."""
+    dataset = dict(plain["dataset"])
+    if dataset.get("name") is None:
+        dataset["name"] = "_".join(str(b) for b in dataset.get("bodies", ())) or str(dataset["source"])
+    level, repeat = plain["noise"]["level"], plain["noise"]["repeat"]
+    if isinstance(level, bool) or not isinstance(level, int | float) or not 0 <= level < float("inf"):
+        raise UsageError(f"noise.level is {level!r}, wanted a number >= 0 (a share of the largest image coordinate)")
+    if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 0:
+        raise UsageError(f"noise.repeat is {repeat!r}, wanted 0, 1, 2, ...")
+    if plain["cameras"]["source"] not in ("known", "estimated"):
+        raise UsageError(f"cameras.source is {plain['cameras']['source']!r}, wanted known or estimated")
+    n_bodies = plain["n_bodies"]
+    if n_bodies is not None and (isinstance(n_bodies, bool) or not isinstance(n_bodies, int) or n_bodies < 1):
+        raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, or null for the scene's")
+    return Trial(
+        dataset=dataset,
+        method=dict(plain["method"]),
+        cameras=dict(plain["cameras"]),
+        noise={"level": float(level), "repeat": repeat},
+        n_bodies=n_bodies,
+    )
+
+
+def one_line(error: BaseException) -> str:
+    """An error's message on one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = " ".join(lines[:12]) if lines else type(error).__name__
+    return text.replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
+
+
+@contextmanager
+def configurations() -> Iterator[None]:
+    """Hydra initialised on the package's configuration tree; its errors become one-line UsageErrors."""
+    try:
+        if GlobalHydra.instance().is_initialized():
+            yield
+        else:
+            with initialize_config_module("conf", version_base="1.3", job_name="harness"):
+                yield
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UsageError(one_line(error)) from None
+
+
+def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
+    """The configuration that the overrides make, as ``harness run`` would see it."""
+    with configurations():
+        return compose("config", overrides=list(overrides))
+
+
+def grid(overrides: Sequence[str]) -> list[list[str]]:
+    """The jobs of a sweep, each a list of plain overrides.
+
+    An experiment's sweep parameters are those of its ``hydra.sweeper.params``; a command-line override of the same
+    key takes their place.
+
+    Raises
+    ------
+    UsageError
+        If an override does not parse, or names a key or a choice that is not there.
+    """
+    with configurations():
+        parser = OverridesParser.create()
+        parsed = parser.parse_overrides(list(overrides))
+        fixed = [o.input_line for o in parsed if not o.is_sweep_override()]
+        cfg = compose("config", overrides=fixed, return_hydra_config=True)
+        own = cfg.hydra.sweeper.params or {}
+        given = {o.key_or_group for o in parsed}
+        swept = [f"{key}={value}" for key, value in own.items() if key not in given]
+        everything = parser.parse_overrides(swept + [o.input_line for o in parsed if o.input_line is not None])
+        loader = GlobalHydra.instance().config_loader()
+        for o in everything:
+            if o.is_sweep_override() and "." not in o.key_or_group and loader.get_group_options(o.key_or_group):
+                options = loader.get_group_options(o.key_or_group)
+                unknown = [str(v) for v in o.sweep_iterator() if str(v) not in options]
+                if unknown:
+                    raise UsageError(f"{o.key_or_group} {unknown[0]!r} is none of {', '.join(options)}")
+        batches: list[list[list[str]]] = BasicSweeper.split_arguments(everything, None)
+        return [job for batch in batches for job in batch]
+
+
+def sweep_arguments(overrides: Sequence[str]) -> list[str]:
+    """Deletions that let command-line overrides take the place of an experiment's own sweep parameters."""
+    with configurations():
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+        fixed = [o.input_line for o in parsed if not o.is_sweep_override()]
+        own = compose("config", overrides=fixed, return_hydra_config=True).hydra.sweeper.params or {}
+        return [f"~hydra.sweeper.params.{o.key_or_group}" for o in parsed if o.key_or_group in own]
+
+
+def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
+    """The trials of an experiment or sweep, each once, in the order in which they would run."""
+    with configurations():
+        seen: dict[str, tuple[Trial, Settings]] = {}
+        for job in grid(overrides):
+            trial, settings = read(compose("config", overrides=job))
+            seen.setdefault(trial.setting, (trial, settings))
+        return list(seen.values())

@@ -1,0 +1,119 @@
+"""Follow a sweep while it runs: its journal feeds the progress line and the tracker."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import Counter
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from harness.experiments import Settings
+from harness.record import OK, UsageError
+from harness.tracking import Tracker
+from harness.trial import Entry, entries, journal
+from harness.worker import read_record
+
+
+class Follower:
+    """Context manager around a sweep: one thread, the only writer to the tracker.
+
+    Workers leave records in trial folders and a line in the journal; this thread brings each into MLflow as it appears, so
+    workers never load MLflow nor wait for its store.
+
+    Parameters
+    ----------
+    settings : Settings
+    total : int
+        Trials of the sweep.
+    """
+
+    def __init__(self, settings: Settings, total: int) -> None:
+        self.settings = settings
+        self.total = total
+        self.entries: list[Entry] = []
+        self.trouble = ""
+        self._tracker = Tracker(settings.tracking_uri, settings.output)
+        self._offset = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._loop, daemon=True)
+        self._console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            disable=not sys.stderr.isatty(),
+        )
+        self._task = self._progress.add_task("trials", total=total)
+
+    def __enter__(self) -> Follower:
+        self._progress.start()
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._progress.stop()
+
+    @property
+    def counts(self) -> Counter[str]:
+        """How many trials ended with each status, done before or now."""
+        return Counter(entry.status for entry in self.entries)
+
+    def _loop(self) -> None:
+        while True:
+            last = self._stop.is_set()
+            self._drain()
+            if last:
+                break
+            self._stop.wait(0.2)
+        if not self.trouble:
+            self._track([entry.key for entry in self.entries if not entry.ran])
+
+    def _drain(self) -> None:
+        path = journal(self.settings.output, self.settings.sweep)
+        for entry, offset in entries(path, self._offset):
+            self._offset = offset
+            self.entries.append(entry)
+            failed = sum(n for status, n in self.counts.items() if status != OK)
+            self._progress.update(
+                self._task, advance=1, description=f"trials [red]{failed} failed[/red]" if failed else "trials"
+            )
+            if entry.ran:
+                self._say(entry)
+                self._track([entry.key])
+
+    def _say(self, entry: Entry) -> None:
+        outcome = read_record(self.settings.trials / entry.key)
+        if outcome is None:
+            return
+        shown = {name: outcome.metrics[name] for name in ("e_3d", "e_3d_dai") if name in outcome.metrics}
+        words = [f"{name} {value:.4f}" for name, value in shown.items()]
+        if "n_wrong" in outcome.metrics:
+            words.append(f"wrong {outcome.metrics['n_wrong']:.0f}/{outcome.n_points}")
+        words.append(outcome.error)
+        mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
+        self._console.print(
+            f"[{len(self.entries)}/{self.total}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
+            f"({outcome.seconds:.1f} s)",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
+
+    def _track(self, keys: list[str]) -> None:
+        """Bring records into the tracker; when it cannot be reached, say so once and go on: nothing is lost."""
+        if self.trouble or not keys:
+            return
+        try:
+            self._tracker.sync(self.settings.trials, keys)
+        except UsageError as error:
+            self.trouble = str(error)
+        except Exception as error:
+            self.trouble = f"tracker {self.settings.tracking_uri}: {type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,0 +1,171 @@
+"""Run a function in a process of its own, so that whatever happens to it happens to it alone.
+
+A server process that has numpy and the methods loaded forks the children, so a trial starts in milliseconds and
+never inherits the state of the process that asked for it. Linux and macOS.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.environment import THREAD_VARIABLES
+from harness.record import CRASHED, OK, OOM, TIMEOUT
+
+PRELOAD = ["harness.worker"]
+OOM_EXIT = 77
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the process ended: a status and, unless ok, what happened in words."""
+
+    status: str
+    detail: str = ""
+
+
+def run_isolated(
+    target: Callable[..., None],
+    args: tuple[Any, ...],
+    *,
+    seconds: float,
+    memory_gb: float,
+    threads: int,
+    log: Path | None = None,
+) -> Ended:
+    """Call ``target(*args)`` in a child process under limits.
+
+    Parameters
+    ----------
+    target : callable
+        Importable; it leaves its result in a file.
+    args : tuple
+        Picklable.
+    seconds, memory_gb : float
+        The child and its descendants are killed after ``seconds``; allocations past ``memory_gb`` fail.
+    threads : int
+        BLAS threads of the child.
+    log : Path, optional
+        Where the child's standard output and error go.
+
+    Returns
+    -------
+    Ended
+        ok, timeout, oom, or crashed with the signal or exit code.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOAD)
+    with _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
+        child = context.Process(target=_child, args=(target, args, memory_gb, threads, log))
+        child.start()
+    try:
+        child.join(seconds)
+        if child.exitcode is None:
+            _kill_group(child.pid)
+            child.join()
+            return Ended(TIMEOUT, f"took more than {seconds:g} s")
+    except BaseException:
+        _kill_group(child.pid)
+        child.join()
+        raise
+    code = child.exitcode
+    _kill_group(child.pid)  # whatever it left running
+    if code == 0:
+        return Ended(OK)
+    if code == OOM_EXIT:
+        return Ended(OOM, f"needed more than {memory_gb:g} GB")
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+        return Ended(CRASHED, f"the process was killed by {name}")
+    return Ended(CRASHED, f"the process ended with exit code {code}")
+
+
+def _child(target: Callable[..., None], args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:
+    with contextlib.suppress(OSError):
+        os.setsid()
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    if log is not None:
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        os.dup2(handle, 1)
+        os.dup2(handle, 2)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    _limit_memory(memory_gb)
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(threads)
+    try:
+        target(*args)
+    except MemoryError:
+        os._exit(OOM_EXIT)
+    sys.stdout.flush()
+    sys.stderr.flush()
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        with contextlib.suppress(OSError):
+            os.killpg(0, signal.SIGKILL)
+
+
+def _limit_memory(memory_gb: float) -> None:
+    import resource
+
+    limit = int(memory_gb * 2**30)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+
+
+def _kill_group(pid: int | None) -> None:
+    if pid is not None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set variables while the server may start: it and its children must have them before numpy loads."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _light_main() -> Iterator[None]:
+    """Hide the main script from the child, which would otherwise import it again; the target is importable."""
+    main = sys.modules["__main__"]
+    hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__dict__.update(hidden)
+
+
+def peak_mb() -> float:
+    """Largest resident size of this process so far, in MB."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+

@@ -1,0 +1,159 @@
+"""The metrics: 3D error, rotation error, missegmentation. Truth and estimate in, numbers out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from datasets.scene import Scene
+from methods.base import Reconstruction
+from methods.cameras import axes
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+
+def e_3d(estimate: Array, truth: Array) -> float:
+    """The paper's error, eq. (22): mean over frames of |S_est - S_gt|_F / |S_gt|_F, both (F, 3, P)."""
+    return float(np.mean(np.linalg.norm(estimate - truth, axis=(1, 2)) / np.linalg.norm(truth, axis=(1, 2))))
+
+
+def e_3d_total(estimate: Array, truth: Array) -> float:
+    """|S_est - S_gt|_F / |S_gt|_F over the whole sequence."""
+    return float(np.linalg.norm(estimate - truth) / np.linalg.norm(truth))
+
+
+def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
+    """:func:`e_3d` after each body (true labels) is centred per frame: shape alone, without placement."""
+    return e_3d(centre_bodies(estimate, labels), centre_bodies(truth, labels))
+
+
+def e_3d_procrustes(estimate: Array, truth: Array) -> float:
+    """:func:`e_3d` after the best orthogonal matrix of each frame."""
+    U, _, Vt = np.linalg.svd(truth @ estimate.transpose(0, 2, 1))
+    return e_3d((U @ Vt) @ estimate, truth)
+
+
+def e_3d_dai(estimate: Array, truth: Array) -> float:
+    """Mean distance over frames and points, over the mean per-row standard deviation of the truth.
+
+    The number of the older literature; Dai, Li, He, CVPR 2012, after Akhter et al. 2011.
+    """
+    return float(np.linalg.norm(estimate - truth, axis=1).mean() / truth.std(axis=2).mean())
+
+
+def e_r(estimate: Array, truth: Array) -> float:
+    """Mean over frames of the spectral norm of R_est - R_gt, (F, 2, 3), after one orthogonal matrix."""
+    U, _, Vt = np.linalg.svd(np.einsum("fij,fik->jk", estimate, truth))
+    return float(np.linalg.norm(estimate @ (U @ Vt) - truth, ord=2, axis=(1, 2)).mean())
+
+
+def n_wrong(estimate: Labels, truth: Labels) -> int:
+    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies."""
+    _, est = np.unique(estimate, return_inverse=True)
+    _, true = np.unique(truth, return_inverse=True)
+    table = np.zeros((est.max() + 1, true.max() + 1), dtype=int)
+    np.add.at(table, (est, true), 1)
+    rows, cols = linear_sum_assignment(-table)
+    return int(len(truth) - table[rows, cols].sum())
+
+
+def affinity_between(affinity: Array, truth: Labels) -> float:
+    """Share of the affinity that joins tracks of different bodies; 0 for a block-diagonal affinity."""
+    apart = truth[:, None] != truth[None, :]
+    total = affinity.sum() - np.trace(affinity)
+    return float(affinity[apart].sum() / total) if total > 0 else 1.0
+
+
+def align_procrustes(estimate: Array, truth: Array) -> Array:
+    """One orthogonal matrix (reflection allowed) for the whole sequence, by least squares."""
+    U, _, Vt = np.linalg.svd(np.einsum("fip,fjp->ij", truth, estimate))
+    return (U @ Vt) @ estimate
+
+
+def align_polar(estimate: Array, truth: Array) -> Array:
+    """One orthogonal matrix: the polar factor of the linear fit (S_gt S_est')(S_est S_est')^-1.
+
+    The rule of the block matrix method's released code; not the Procrustes solution.
+    """
+    cross = np.einsum("fip,fjp->ij", truth, estimate)
+    own = np.einsum("fip,fjp->ij", estimate, estimate)
+    U, _, Vt = np.linalg.svd(cross @ np.linalg.pinv(own))
+    return (U @ Vt) @ estimate
+
+
+def centre_bodies(structure: Array, labels: Labels) -> Array:
+    """Subtract each body's centroid in each frame from an (F, 3, P) structure."""
+    centred = structure.copy()
+    for label in np.unique(labels):
+        mine = labels == label
+        centred[:, :, mine] -= structure[:, :, mine].mean(axis=2, keepdims=True)
+    return centred
+
+
+def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, float]:
+    """All metrics that the truth of the scene and the parts of the reconstruction allow.
+
+    With known cameras nothing is aligned. With estimated ones, structure is known up to one orthogonal matrix:
+    the e_3d family is aligned by Procrustes, e_3d_dai by the polar rule of its released code.
+
+    Parameters
+    ----------
+    scene : Scene
+        With truth, or without: then its metrics are left out.
+    found : Reconstruction
+    known_cameras : bool
+
+    Returns
+    -------
+    dict of str to float
+        Names as above, ``e_3d_body_k`` for each body, ``e_ms`` (a share), ``n_wrong`` (a count),
+        ``reprojection`` (relative, from the tracks alone), finite values only.
+    """
+    values: dict[str, float] = {}
+    if found.structure is not None:
+        values |= _structure_metrics(scene, found, known_cameras)
+        cameras = found.cameras
+        if cameras is not None:
+            W = scene.tracks - scene.tracks.mean(axis=2, keepdims=True)
+            values["reprojection"] = float(np.linalg.norm(W - cameras @ found.structure) / np.linalg.norm(W))
+            if scene.cameras is not None and not known_cameras:
+                values["e_r"] = e_r(cameras, scene.cameras)
+    if scene.labels is not None:
+        if found.labels is not None:
+            wrong = n_wrong(found.labels, scene.labels)
+            values["n_wrong"] = float(wrong)
+            values["e_ms"] = wrong / len(scene.labels)
+        if found.affinity is not None:
+            values["affinity_between"] = affinity_between(found.affinity, scene.labels)
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
+def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict[str, float]:
+    if scene.structure is None or found.structure is None:
+        return {}
+    truth = scene.structure - scene.structure.mean(axis=2, keepdims=True)
+    S = found.structure - found.structure.mean(axis=2, keepdims=True)
+    keep: Callable[[Array, Array], Array] = lambda estimate, _: estimate  # noqa: E731
+    procrustes, polar = (keep, keep) if known else (align_procrustes, align_polar)
+    aligned = procrustes(S, truth)
+    values = {
+        "e_3d": e_3d(aligned, truth),
+        "e_3d_total": e_3d_total(aligned, truth),
+        "e_3d_procrustes": e_3d_procrustes(S, truth),
+        "e_3d_dai": e_3d_dai(polar(S, truth), truth),
+    }
+    if found.cameras is not None and scene.cameras is not None:
+        mine, true = axes(found.cameras) @ S, axes(scene.cameras) @ truth
+        values["e_3d_dai_cam"] = e_3d_dai(polar(mine, true), true)
+    if scene.labels is not None:
+        centred = procrustes(centre_bodies(S, scene.labels), centre_bodies(truth, scene.labels))
+        values["e_3d_centred"] = e_3d_centred(centred, truth, scene.labels)
+        for k in np.unique(scene.labels):
+            body, own = S[:, :, scene.labels == k], truth[:, :, scene.labels == k]
+            body, own = (X - X.mean(axis=2, keepdims=True) for X in (body, own))
+            values[f"e_3d_body_{k}"] = e_3d(procrustes(body, own), own)
+    return values

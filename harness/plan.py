@@ -1,0 +1,89 @@
+"""The verb ``plan``: what a run would do, without doing it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from harness.experiments import Settings, expand
+from harness.record import OK, Outcome, Trial
+from harness.trial import identify
+from harness.worker import read_record
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A trial of an experiment: its key, why it cannot run ("" when it can), and its record when it is done."""
+
+    trial: Trial
+    key: str
+    reason: str
+    outcome: Outcome | None
+
+    @property
+    def state(self) -> str:
+        if self.outcome is None:
+            return "cannot run" if self.reason else "missing"
+        return "done" if self.outcome.status == OK else self.outcome.status
+
+
+def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
+    """Every trial of the overrides with what is known of it.
+
+    Raises
+    ------
+    UsageError
+        If the overrides cannot be composed.
+    """
+    trials = expand(overrides)
+    planned = []
+    for trial, settings in trials:
+        key, reason = identify(trial, settings)
+        planned.append(Planned(trial, key, reason, read_record(settings.trials / key)))
+    return planned, trials[0][1]
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
+    parser = argparse.ArgumentParser(
+        "harness plan",
+        description="What 'harness run' with the same overrides would do.",
+        epilog="harness plan +experiment=table1\nharness plan method=ours,edsc noise.level=0,0.02",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("overrides", nargs="*")
+    planned, settings = plan(parser.parse_args(argv).overrides)
+    past = [o for o in map(read_record, sorted(settings.trials.glob("*/"))) if o is not None and o.status == OK]
+    table = Table(box=None, pad_edge=False)
+    for heading in ("trial", "state", "expected"):
+        table.add_column(heading, overflow="fold")
+    seconds, unknown, memory = 0.0, 0, 0.0
+    for item in planned:
+        expected = ""
+        if item.state == "missing":
+            like = [o for o in past if o.method == str(item.trial.method["name"])]
+            same = [o for o in like if o.dataset == str(item.trial.dataset["name"])] or like
+            if same:
+                cost, size = median(o.seconds for o in same), max(o.peak_mb for o in same)
+                seconds, memory, expected = seconds + cost, max(memory, size), f"{cost:.1f} s, {size:.0f} MB"
+            else:
+                unknown, expected = unknown + 1, "no past trial of this method"
+        elif item.outcome is not None:
+            expected = escape(item.outcome.error)
+        else:
+            expected = escape(item.reason)
+        table.add_row(escape(item.trial.title), item.state, expected)
+    console = Console(soft_wrap=False)
+    console.print(table)
+    count = {state: sum(i.state == state for i in planned) for state in dict.fromkeys(i.state for i in planned)}
+    print(f"{len(planned)} trials: {', '.join(f'{n} {state}' for state, n in count.items())}.")
+    if seconds or unknown:
+        rest = f", and {unknown} of unknown length" if unknown else ""
+        print(f"Expected: {seconds:.0f} s of one core{rest}; at most {memory:.0f} MB a trial.")
+    return 0 if set(count) <= {"done", "missing"} else 2

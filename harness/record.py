@@ -1,0 +1,127 @@
+"""The words of a trial: what is asked (Trial) and what came out (Outcome)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+OK, FAILED, CRASHED, TIMEOUT, OOM = STATUSES = ("ok", "failed", "crashed", "timeout", "oom")
+
+
+class UsageError(ValueError):
+    """A request that cannot be carried out as it stands. The message is one line with the remedy."""
+
+
+def digest(value: Any) -> str:
+    """A short, stable hash of plain data: SHA-256 of its canonical JSON, 16 hex digits."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One method on one scene under one setting: the resolved configuration, without paths.
+
+    Parameters
+    ----------
+    dataset, method, cameras, noise : mapping
+        The four groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
+        words that stand in tables.
+    n_bodies : int or None
+        Number of clusters asked for; None takes the scene's.
+    """
+
+    dataset: Mapping[str, Any]
+    method: Mapping[str, Any]
+    cameras: Mapping[str, Any]
+    noise: Mapping[str, Any]
+    n_bodies: int | None = None
+
+    @property
+    def setting(self) -> str:
+        """Hash of what was asked, whatever data and code answer it."""
+        return digest(asdict(self))
+
+    def key(self, data: str, version: str) -> str:
+        """The trial's identity: its setting, the data's digest and the method's version."""
+        return digest({"setting": self.setting, "data": data, "version": version})
+
+    @property
+    def title(self) -> str:
+        """``dance_yoga ours``, with what differs from the plain setting behind it."""
+        words = [str(self.dataset["name"]), str(self.method["name"])]
+        if self.noise["level"]:
+            words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
+        if self.cameras["source"] != "known":
+            words.append(f"cameras={self.cameras['source']}")
+        return " ".join(words)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial left behind; the contents of its ``result.json``.
+
+    ``metrics`` holds finite numbers alone: a metric that does not apply is left out, never null or 0.
+    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom.
+    """
+
+    key: str
+    setting: str
+    status: str
+    dataset: str
+    method: str
+    cameras: str
+    placement: str
+    motion: str
+    level: float
+    repeat: int
+    stand_in: bool = False
+    n_bodies: int | None = None
+    n_points: int | None = None
+    n_frames: int | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+    peak_mb: float = 0.0
+    error: str = ""
+    finished: str = ""
+    sweep: str = ""
+    parameters: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise ValueError(f"status {self.status!r} is not one of {', '.join(STATUSES)}")
+        odd = [k for k, v in self.metrics.items() if not math.isfinite(v)]
+        if odd:
+            raise ValueError(f"metrics must be finite, these are not: {', '.join(odd)}")
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What a reader calls the row, whatever the method's settings: names a baseline's row."""
+        return (self.dataset, self.method, self.cameras, self.placement, self.motion, self.level, self.repeat)
+
+    def to_json(self) -> str:
+        """JSON with absent values left out."""
+        return json.dumps({k: v for k, v in asdict(self).items() if v is not None}, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> Outcome:
+        """Read what :meth:`to_json` wrote; unknown fields of later versions are dropped.
+
+        Raises
+        ------
+        ValueError
+            If the text is not such a record.
+        """
+        data = json.loads(text)
+        if not isinstance(data, dict):
+            raise ValueError("not a trial record")
+        known = {f.name for f in fields(cls)}
+        try:
+            return cls(**{k: v for k, v in data.items() if k in known})
+        except TypeError as error:
+            raise ValueError(f"not a trial record: {error}") from None

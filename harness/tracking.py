@@ -1,0 +1,207 @@
+"""Trial records in MLflow, and back. The records in the trial folders are the truth; the tracker can be rebuilt."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from filelock import FileLock
+
+from harness.record import OK, Outcome, UsageError
+from harness.worker import ARRAYS, LOG, RESULT, TRACEBACK, read_record
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+EXPERIMENT = "nrsfm"
+STEPS = 100  # points of each curve that go to the tracker; all of them are in arrays.npz
+os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A trial's record as the tracker holds it, and the run it stands in."""
+
+    outcome: Outcome
+    run_id: str
+    uri: str
+
+
+class Tracker:
+    """One MLflow store.
+
+    Parameters
+    ----------
+    uri : str
+        ``sqlite:///...`` or the address of an MLflow server.
+    output : Path
+        Root of everything written; holds the lock files and, for SQLite, the artifacts.
+    """
+
+    def __init__(self, uri: str, output: Path) -> None:
+        self.uri = uri
+        self.output = output
+        self._client: MlflowClient | None = None
+        self._experiment = ""
+
+    @property
+    def client(self) -> MlflowClient:
+        """The client, with the store created and the experiment there.
+
+        Raises
+        ------
+        UsageError
+            If the store cannot be reached.
+        """
+        if self._client is None:
+            self.output.mkdir(parents=True, exist_ok=True)
+            with FileLock(self.output / ".tracker.lock"):
+                self._connect()
+        assert self._client is not None
+        return self._client
+
+    def _connect(self) -> None:
+        import logging
+
+        from mlflow import MlflowClient
+        from mlflow.exceptions import MlflowException
+
+        for name in ("mlflow", "alembic", "sqlalchemy"):
+            logging.getLogger(name).setLevel(logging.ERROR)
+        artifacts = None
+        if self.uri.startswith("sqlite:///"):
+            with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as db:
+                db.execute("PRAGMA journal_mode=WAL")
+            artifacts = (self.output / "artifacts").as_uri()
+        try:
+            client = MlflowClient(self.uri, registry_uri=self.uri)
+            experiment = client.get_experiment_by_name(EXPERIMENT)
+            self._experiment = (
+                experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
+            )
+        except MlflowException as error:
+            reason = " ".join(str(error).split())[:300]
+            raise UsageError(f"tracker {self.uri} cannot be used: {reason}") from None
+        self._client = client
+
+    def log(self, outcome: Outcome, folder: Path) -> str:
+        """Write one trial, once: a run of the same trial and time is left alone, an older one is replaced.
+
+        Parameters
+        ----------
+        outcome : Outcome
+        folder : Path
+            The trial's folder, whose files become artifacts.
+
+        Returns
+        -------
+        str
+            The run's id.
+        """
+        from mlflow.entities import Metric, Param, RunStatus, RunTag
+
+        client = self.client
+        with FileLock(self.output / ".tracker.lock"):
+            for run in client.search_runs([self._experiment], f"tags.trial_key = '{outcome.key}'"):
+                if run.data.tags.get("finished") == outcome.finished:
+                    return str(run.info.run_id)
+                client.delete_run(run.info.run_id)
+            end = int(datetime.fromisoformat(outcome.finished).timestamp() * 1000)
+            start = end - int(outcome.seconds * 1000)
+            run = client.create_run(
+                self._experiment, start_time=start, run_name=f"{outcome.dataset} {outcome.method}", tags=_tags(outcome)
+            )
+            run_id = str(run.info.run_id)
+            metrics = {**outcome.metrics, "seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
+            points = [Metric(name, value, end, 0) for name, value in metrics.items()]
+            points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
+            client.log_batch(
+                run_id,
+                metrics=points[:1000],
+                params=[Param(k, v) for k, v in flatten(outcome.parameters).items()],
+                tags=[RunTag("record", outcome.to_json())],
+            )
+            for name in (RESULT, ARRAYS, TRACEBACK, LOG):
+                if (folder / name).is_file() and (folder / name).stat().st_size:
+                    client.log_artifact(run_id, str(folder / name))
+            status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
+            client.set_terminated(run_id, RunStatus.to_string(status), end)
+        return run_id
+
+    def outcomes(self) -> list[Tracked]:
+        """Every trial in the store, oldest first."""
+        from mlflow.entities import ViewType
+
+        found: list[Tracked] = []
+        token = None
+        while True:
+            page = self.client.search_runs(
+                [self._experiment], "", ViewType.ACTIVE_ONLY, 1000, ["attributes.start_time ASC"], token
+            )
+            for run in page:
+                try:
+                    outcome = Outcome.from_json(run.data.tags.get("record", ""))
+                except ValueError:
+                    continue
+                found.append(Tracked(outcome, str(run.info.run_id), self.uri))
+            token = page.token
+            if not token:
+                return sorted(found, key=lambda t: (t.outcome.finished, t.outcome.key))
+
+    def sync(self, trials: Path, keys: Iterable[str] | None = None) -> int:
+        """Bring trial folders (all, or those named) into the tracker; the number of runs written."""
+        held = {(t.outcome.key, t.outcome.finished) for t in self.outcomes()}
+        folders = [trials / key for key in keys] if keys is not None else sorted(trials.glob("*/"))
+        written = 0
+        for folder in folders:
+            outcome = read_record(folder)
+            if outcome is not None and (outcome.key, outcome.finished) not in held:
+                self.log(outcome, folder)
+                written += 1
+        return written
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested settings as ``method.clusterer.alpha: "800.0"``."""
+    flat: dict[str, str] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = str(value)
+    return flat
+
+
+def _tags(outcome: Outcome) -> dict[str, str]:
+    names = ("setting", "status", "sweep", "dataset", "method", "cameras", "placement", "motion", "level", "repeat")
+    tags = {name: str(getattr(outcome, name)) for name in names}
+    return tags | {
+        "trial_key": outcome.key,
+        "finished": outcome.finished,
+        "stand_in": str(outcome.stand_in).lower(),
+        "folder": f"trials/{outcome.key}",
+        "error": outcome.error[:500],
+    }
+
+
+def _curves(folder: Path) -> list[tuple[str, int, float]]:
+    """The residual history as (name, step, value), thinned evenly, first and last kept."""
+    if not (folder / ARRAYS).is_file():
+        return []
+    points = []
+    with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
+        for name in sorted(n for n in arrays.files if n.startswith("history_")):
+            values = arrays[name]
+            steps = np.unique(np.linspace(0, len(values) - 1, min(STEPS, len(values))).round().astype(int))
+            label = name.removeprefix("history_")
+            label = label if label == "objective" else f"residual_{label}"
+            points += [(label, int(s) + 1, float(values[s])) for s in steps if np.isfinite(values[s])]
+    return points

@@ -1,0 +1,148 @@
+"""The inside of a trial: scene, method, metrics, and the files it leaves. Runs in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datasets.body import DatasetError
+from datasets.registry import load_scene
+from harness import metrics
+from harness.environment import environment
+from harness.isolation import peak_mb
+from harness.record import FAILED, OK, Outcome, Trial, UsageError
+from methods.base import MethodError, Reconstruction
+from methods.registry import build_method
+from methods.rotation import estimate_cameras
+
+RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "log.txt"
+EXPECTED = (DatasetError, MethodError, UsageError)
+
+
+def work(trial: Trial, blank: Outcome, data: Path, stand_in: bool, folder: Path) -> None:
+    """Carry out a trial and leave its record in ``folder``; an exception becomes a record of status failed."""
+    start = time.perf_counter()
+    try:
+        outcome, arrays = compute(trial, blank, data, stand_in)
+        write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
+    except MemoryError:
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        if not isinstance(error, EXPECTED):
+            text = f"{type(error).__name__}: {text}"
+            (folder / TRACEBACK).write_text(traceback.format_exc())
+        outcome = replace(blank, status=FAILED, error=text[:2000])
+    outcome = replace(outcome, seconds=round(time.perf_counter() - start, 4), peak_mb=round(peak_mb(), 1))
+    write_record(folder, outcome)
+
+
+def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[Outcome, Mapping[str, Any]]:
+    """The trial itself: an Outcome of status ok and the arrays to keep.
+
+    Raises
+    ------
+    DatasetError, MethodError, UsageError
+        If the scene or the method cannot be had as asked.
+    """
+    scene = load_scene(trial.dataset, data, stand_in)
+    n_bodies = trial.n_bodies or scene.n_bodies
+    if n_bodies is None:
+        raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies")
+    if scene.n_bodies is not None and n_bodies != scene.n_bodies:
+        raise UsageError(
+            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
+            f"{n_bodies}; leave n_bodies out or choose another scene"
+        )
+    noisy = scene.with_noise(trial.noise["level"], trial.noise["repeat"])
+    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
+    known = trial.cameras["source"] == "known"
+    if known and scene.cameras is None:
+        raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
+    cameras = scene.cameras if known else estimate_cameras(noisy.tracks)
+    assert cameras is not None
+    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges)
+    check(found, method.provides, noisy.tracks.shape)
+    outcome = replace(
+        blank,
+        status=OK,
+        metrics=metrics.evaluate(noisy, found, known_cameras=known),
+        stand_in=scene.stand_in,
+        n_bodies=n_bodies,
+        n_points=scene.n_points,
+        n_frames=scene.n_frames,
+    )
+    parts = {
+        "structure": found.structure,
+        "labels": found.labels,
+        "affinity": found.affinity,
+        "cameras": found.cameras,
+        "tracks": noisy.tracks,
+        "true_structure": scene.structure,
+        "true_labels": scene.labels,
+        "edges": scene.edges,
+    }
+    arrays = {name: _compact(np.asarray(value)) for name, value in parts.items() if value is not None}
+    return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
+
+
+def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:
+    """Hold a method to its word: raises MethodError on parts that are absent, misshapen or not finite."""
+    n_frames, _, n_points = shape
+    wanted = {"structure": (n_frames, 3, n_points), "labels": (n_points,), "affinity": (n_points, n_points)}
+    for name, size in wanted.items():
+        value = getattr(found, name)
+        if value is None:
+            if name in provides:
+                raise MethodError(f"the method promises {name} and gave none")
+        elif value.shape != size:
+            raise MethodError(f"the method gave {name} of shape {value.shape}, wanted {size}")
+        elif not np.isfinite(value).all():
+            raise MethodError(f"the method gave {name} with NaN or infinite values: it diverged")
+
+
+def write_record(folder: Path, outcome: Outcome) -> None:
+    """Write ``result.json``, the mark of a finished trial, atomically."""
+    outcome = replace(outcome, finished=datetime.now(UTC).isoformat(timespec="milliseconds"), environment=environment())
+    write_atomically(folder / RESULT, lambda handle: handle.write(outcome.to_json().encode()))
+
+
+def write_atomically(path: Path, write: Any) -> None:
+    """Write a file so that it is there whole or not at all, whatever is killed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def read_record(folder: Path) -> Outcome | None:
+    """The record of a finished trial, or None; a damaged one counts as not finished."""
+    try:
+        return Outcome.from_json((folder / RESULT).read_text())
+    except (OSError, ValueError, json.JSONDecodeError):
+        return None
+
+
+def _compact(value: np.ndarray) -> np.ndarray:
+    """Single precision and 32-bit integers: what is kept is for figures and later reading."""
+    if value.dtype == np.float64:
+        return value.astype(np.float32)
+    return value.astype(np.int32) if value.dtype == np.int64 else value

@@ -1,0 +1,140 @@
+"""What every method takes and gives: arrays in, Reconstruction out."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+#: Called during long work with (iteration, iterations, residuals by name).
+Progress = Callable[[int, int, Mapping[str, float]], None]
+
+
+class MethodError(ValueError):
+    """Input or settings that a method cannot work with. The message is one line with the remedy."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What a method found. Absent parts are None: a method never fills in what it does not compute.
+
+    Parameters
+    ----------
+    labels : (P,) int array or None
+        Body index of each track.
+    structure : (F, 3, P) array or None
+        Points over time in the units of the tracks, centred per frame.
+    cameras : (F, 2, 3) array or None
+        The cameras that the structure was made with.
+    affinity : (P, P) array or None
+        What was clustered.
+    history : mapping of str to (T,) array
+        Curves by iteration: ``objective`` and residuals.
+    """
+
+    labels: Labels | None = None
+    structure: Array | None = None
+    cameras: Array | None = None
+    affinity: Array | None = None
+    history: Mapping[str, Array] = field(default_factory=dict)
+
+
+class Method(BaseEstimator):
+    """A method: hyper-parameters in the constructor, work in :meth:`reconstruct`.
+
+    ``get_params`` and ``set_params`` are scikit-learn's. ``provides`` names the parts of the Reconstruction
+    that the method computes, of ``labels`` and ``structure``. ``version`` is raised whenever results change, so
+    that finished trials of the version before are not taken for those of this one.
+    """
+
+    provides: ClassVar[frozenset[str]] = frozenset()
+    version: ClassVar[str] = "1"
+
+    @abstractmethod
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int,
+        *,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """Reconstruct and segment.
+
+        Parameters
+        ----------
+        tracks : (F, 2, P) array
+            Image coordinates, all finite.
+        cameras : (F, 2, 3) array
+            Orthographic cameras with orthonormal rows, known or estimated.
+        n_bodies : int
+            Number of clusters, at least 1.
+        edges : (E, 2) int array, optional
+            Neighbouring tracks, for methods with a spatial term.
+        progress : callable, optional
+            Told of every iteration of long work.
+
+        Raises
+        ------
+        MethodError
+            If shapes do not fit or the method cannot do what is asked.
+        """
+
+
+@dataclass(frozen=True)
+class Standardised:
+    """Tracks centred per frame and scaled to unit mean per-row standard deviation."""
+
+    W: Array
+    scale: float
+
+
+def standardise(tracks: Array) -> Standardised:
+    """Centre (F, 2, P) tracks per frame and scale them to unit mean per-row standard deviation.
+
+    The weights of the methods assume these units.
+
+    Raises
+    ------
+    MethodError
+        If the tracks are not a finite (F, 2, P) array, or all coincide.
+    """
+    check_tracks(tracks)
+    W = tracks - tracks.mean(axis=2, keepdims=True)
+    scale = float(W.std(axis=2).mean())
+    if scale == 0:
+        raise MethodError("all tracks coincide in every frame; there is nothing to reconstruct")
+    return Standardised(W / scale, scale)
+
+
+def check_tracks(tracks: Array) -> None:
+    """Raise MethodError unless the tracks are a finite (F, 2, P) array."""
+    if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:
+        raise MethodError(f"tracks have shape {tracks.shape}, wanted (frames, 2, points)")
+    if not np.isfinite(tracks).all():
+        raise MethodError("tracks hold NaN or infinite values; remove those tracks or frames")
+
+
+def check_cameras(cameras: Array, n_frames: int) -> None:
+    """Raise MethodError unless the cameras are (F, 2, 3) with orthonormal rows."""
+    if cameras.shape != (n_frames, 2, 3):
+        raise MethodError(f"cameras have shape {cameras.shape}, wanted {(n_frames, 2, 3)}")
+    if not np.allclose(cameras @ cameras.transpose(0, 2, 1), np.eye(2), atol=1e-6):
+        raise MethodError("camera rows are not orthonormal")
+
+
+def check_bodies(n_bodies: int, n_points: int) -> None:
+    """Raise MethodError unless tracks can be told apart into that many bodies."""
+    if not 2 <= n_bodies <= n_points:
+        raise MethodError(
+            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs 2 to {n_points} bodies"
+        )

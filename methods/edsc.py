@@ -1,0 +1,92 @@
+"""Efficient dense subspace clustering (Ji, Salzmann, Li, WACV 2014)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClusterMixin
+from sklearn.utils.validation import validate_data
+
+from methods.base import Array
+from methods.spectral import spectral_clustering
+
+
+class EDSC(ClusterMixin, BaseEstimator):
+    """Cluster points on a union of (affine) subspaces by their least-squares self-expression, in closed form.
+
+    Parameters
+    ----------
+    n_clusters : int
+    weight : float
+        Lambda, the weight of the data term.
+    affine : bool
+        Demand that each column of the code sums to one.
+    dimension : int
+        Assumed dimension of each subspace: rank ``dimension * n_clusters + 1`` of the code is kept.
+    power : float
+        Element-wise power of the affinity.
+    seed : int
+        Of k-means.
+
+    Attributes
+    ----------
+    code_ : (n_samples, n_samples) array
+    affinity_matrix_ : (n_samples, n_samples) array
+    labels_ : (n_samples,) int array
+
+    References
+    ----------
+    Ji, Salzmann, Li, "Efficient dense subspace clustering", WACV 2014, eqs. (6) and (16), section 4.
+    """
+
+    def __init__(
+        self,
+        n_clusters: int = 2,
+        *,
+        weight: float = 120.0,
+        affine: bool = True,
+        dimension: int = 4,
+        power: float = 4.0,
+        seed: int = 0,
+    ) -> None:
+        self.n_clusters = n_clusters
+        self.weight = weight
+        self.affine = affine
+        self.dimension = dimension
+        self.power = power
+        self.seed = seed
+
+    def fit(self, X: ArrayLike, y: Any = None) -> EDSC:
+        """Cluster the rows of X, shape (n_samples, n_features)."""
+        X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        if not self.weight > 0:
+            raise ValueError(f"weight is {self.weight}, wanted a positive number")
+        self.code_ = dense_code(X.T, self.weight, self.affine)
+        rank = min(self.dimension * self.n_clusters + 1, len(X))
+        self.affinity_matrix_ = shape_interaction(self.code_, rank, self.power)
+        self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
+        return self
+
+
+def dense_code(X: Array, weight: float, affine: bool) -> Array:
+    """min 1/2 |C|^2 + weight/2 |X - X C|^2, and 1'C = 1' when affine; (D, N) points to an (N, N) code.
+
+    The affine solution is C = I - V (V'V + V' weight X'X V)^-1 V' with V spanning the null space of 1'.
+    """
+    n = X.shape[1]
+    G = weight * (X.T @ X)
+    if not affine:
+        return scipy.linalg.solve(np.eye(n) + G, G, assume_a="pos", check_finite=False)
+    V = scipy.linalg.null_space(np.ones((1, n)))
+    return np.eye(n) - V @ scipy.linalg.solve(V.T @ V + V.T @ G @ V, V.T, assume_a="pos", check_finite=False)
+
+
+def shape_interaction(C: Array, rank: int, power: float) -> Array:
+    """Affinity (U U')^power of the leading singular vectors of the symmetrised code, rows at unit length."""
+    U, s, _ = scipy.linalg.svd((C + C.T) / 2, check_finite=False)
+    M = U[:, :rank] * np.sqrt(s[:rank])
+    M /= np.maximum(np.linalg.norm(M, axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.abs(M @ M.T) ** power

@@ -1,0 +1,169 @@
+"""Clustering in 2D, and the two-stage pipelines of reconstruction and clustering.
+
+Each is composed of a clusterer (SSC, EDSC: scikit-learn estimators on tracks as samples) and a reconstructor (BMM).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, clone
+
+from methods.base import (
+    Array,
+    Labels,
+    Method,
+    MethodError,
+    Progress,
+    Reconstruction,
+    check_bodies,
+    check_cameras,
+    standardise,
+)
+
+
+class ClusterTracks(Method):
+    """Labels from the 2D tracks alone: SSC(2D), EDSC(2D).
+
+    Parameters
+    ----------
+    clusterer : estimator
+        With ``n_clusters``, ``fit``, ``labels_`` and ``affinity_matrix_``.
+    """
+
+    provides = frozenset({"labels"})
+
+    def __init__(self, clusterer: BaseEstimator) -> None:
+        self.clusterer = clusterer
+
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int,
+        *,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part."""
+        labels, affinity = cluster(self.clusterer, standardise(tracks).W, n_bodies)
+        return Reconstruction(labels=labels, affinity=affinity)
+
+
+class ReconstructThenCluster(Method):
+    """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
+
+    Parameters
+    ----------
+    reconstructor : Method
+    clusterer : estimator
+    """
+
+    provides = frozenset({"labels", "structure"})
+
+    def __init__(self, reconstructor: Method, clusterer: BaseEstimator) -> None:
+        self.reconstructor = reconstructor
+        self.clusterer = clusterer
+
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int,
+        *,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """See :meth:`methods.base.Method.reconstruct`."""
+        check_bodies(n_bodies, tracks.shape[2])
+        structure = _structure(self.reconstructor, tracks, cameras, progress)
+        labels, affinity = cluster(self.clusterer, structure, n_bodies)
+        return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
+
+
+class ClusterThenReconstruct(Method):
+    """SSC(2D)+BMM: cluster the tracks, then reconstruct each cluster.
+
+    A cluster's reconstruction is centred, so its centroid is lifted apart: the 3D centroid trajectory is the
+    least-squares fit of the 2D centroid track on a low-order DCT basis, exact for a constant offset between bodies.
+
+    Parameters
+    ----------
+    clusterer : estimator
+    reconstructor : Method
+    trajectory_order : int
+        Number of DCT vectors of a centroid's trajectory. It must stay well below the frequency at which the camera
+        circles the scene, or a moving body cannot be told from a moving camera.
+    """
+
+    provides = frozenset({"labels", "structure"})
+
+    def __init__(self, clusterer: BaseEstimator, reconstructor: Method, trajectory_order: int = 3) -> None:
+        self.clusterer = clusterer
+        self.reconstructor = reconstructor
+        self.trajectory_order = trajectory_order
+
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int,
+        *,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """See :meth:`methods.base.Method.reconstruct`."""
+        check_cameras(cameras, len(tracks))
+        data = standardise(tracks)
+        labels, affinity = cluster(self.clusterer, data.W, n_bodies)
+        structure = np.empty((tracks.shape[0], 3, tracks.shape[2]))
+        for label in np.unique(labels):
+            mine = labels == label
+            W = data.W[:, :, mine]
+            centroid = lift(W.mean(axis=2), cameras, self.trajectory_order)
+            structure[:, :, mine] = centroid[:, :, None]
+            if mine.sum() > 1 and np.ptp(W, axis=2).max() > 0:  # one point, or one place, is its centroid alone
+                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, progress)
+        structure -= structure.mean(axis=2, keepdims=True)
+        return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
+
+
+def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tuple[Labels, Array]:
+    """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features."""
+    n_points = trajectories.shape[2]
+    check_bodies(n_bodies, n_points)
+    samples = trajectories.reshape(-1, n_points).T
+    try:
+        fitted = clone(clusterer).set_params(n_clusters=n_bodies).fit(samples)
+    except ValueError as error:
+        raise MethodError(f"{type(clusterer).__name__}: {error}") from error
+    return fitted.labels_, fitted.affinity_matrix_
+
+
+def lift(centroid: Array, cameras: Array, order: int) -> Array:
+    """3D trajectory on the first ``order`` DCT vectors whose projection is nearest to an (F, 2) track.
+
+    Returns
+    -------
+    (F, 3) array
+
+    Raises
+    ------
+    MethodError
+        If the order is not in 1..F.
+    """
+    F = len(centroid)
+    if not 1 <= order <= F:
+        raise MethodError(f"trajectory_order is {order}, wanted 1..{F}")
+    basis = scipy.fft.idct(np.eye(F, order), axis=0, norm="ortho")
+    system = np.einsum("fij,fk->fijk", cameras, basis).reshape(2 * F, 3 * order)
+    weights = np.linalg.lstsq(system, centroid.reshape(2 * F), rcond=None)[0]
+    return basis @ weights.reshape(3, order).T
+
+
+def _structure(reconstructor: Method, tracks: Array, cameras: Array, progress: Progress | None) -> Array:
+    structure = reconstructor.reconstruct(tracks, cameras, 1, progress=progress).structure
+    if structure is None:
+        raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")
+    return structure

@@ -1,0 +1,48 @@
+"""Proximal steps shared by the solvers."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from methods.base import Array
+
+
+def soft(X: Array, threshold: float) -> Array:
+    """Soft threshold, the proximal step of ``threshold * |X|_1``: sign(x) max(|x| - threshold, 0)."""
+    return X - np.clip(X, -threshold, threshold)
+
+
+def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
+    """Proximal step of ``threshold * |M|_*``: shrink the singular values.
+
+    Works on the Gram matrix of the short side, O(F^2 N) for an (F, N) matrix with F <= N. Squaring loses singular
+    values under about 1e-8 of the largest; they matter only when the threshold is as small, and then a
+    full decomposition is taken.
+
+    Parameters
+    ----------
+    M : (F, N) array
+    threshold : float
+
+    Returns
+    -------
+    (F, N) array, float
+        The shrunk matrix and its nuclear norm.
+
+    References
+    ----------
+    Cai, Candes, Shen, "A singular value thresholding algorithm for matrix completion", SIAM J. Optim. 2010.
+    """
+    if M.shape[0] > M.shape[1]:
+        shrunk, norm = singular_value_threshold(M.T, threshold)
+        return shrunk.T, norm
+    w, U = scipy.linalg.eigh(M @ M.T, check_finite=False, driver="evd")
+    s = np.sqrt(np.maximum(w, 0))
+    if threshold < 1e-6 * s[-1]:
+        U, s, Vt = scipy.linalg.svd(M, full_matrices=False, check_finite=False)
+        kept = np.maximum(s - threshold, 0)
+        return (U * kept) @ Vt, float(kept.sum())
+    keep = s > threshold
+    U, s = U[:, keep], s[keep]
+    return (U * (1 - threshold / s)) @ (U.T @ M), float((s - threshold).sum())
