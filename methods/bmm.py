@@ -48,7 +48,7 @@ class BMM(Method):
 
     provides = frozenset({"structure"})
 
-    def __init__(self, *, l2: float = 0.0, rank: int | None = None, max_iter: int = 6000, tol: float = 1e-6) -> None:
+    def __init__(self, *, l2: float = 0.0, rank: int | None = None, max_iter: int = 6000, tol: float = 1e-4) -> None:
         self.l2 = l2
         self.rank = rank
         self.max_iter = max_iter
@@ -77,7 +77,7 @@ def fit_shape(
     l2: float = 0.0,
     *,
     max_iter: int = 6000,
-    tol: float = 1e-6,
+    tol: float = 1e-4,
     penalty: float | None = None,
     progress: Progress | None = None,
 ) -> ShapeFit:

@@ -94,8 +94,8 @@ class MultiBody(Method):
         state = problem.start(self.penalty)
         history: dict[str, list[float]] = {name: [] for name in ("objective", *RESIDUALS)}
         for iteration in range(1, self.max_iter + 1):
-            state = problem.iterate(state)
-            residuals = problem.residuals(state)
+            state, gaps = problem.iterate(state)
+            residuals = {name: float(np.abs(gap).max()) for name, gap in gaps.items()}
             history["objective"].append(problem.objective(state))
             for name, value in residuals.items():
                 history[name].append(value)
@@ -162,14 +162,18 @@ class Problem:
         zero = np.zeros_like(S)
         return State(S, S, square, square, zero, zero, square, np.zeros(P), b)
 
-    def iterate(self, state: State) -> State:
-        """One sweep: C and E before S, so that S never meets an empty code; then S# and the multipliers."""
+    def iterate(self, state: State) -> tuple[State, dict[str, Array]]:
+        """One sweep: C and E before S, so that S never meets an empty code; then S# and the multipliers.
+
+        Returns the new state and the constraints' gaps, whose infinity norms are the paper's residuals.
+        """
         state = replace(state, C=self.code_step(state))
         state = replace(state, E=self.sparse_step(state))
         state = replace(state, S=self.structure_step(state))
         shape, norm = self.shape_step(state)
         state = replace(state, shape=shape, nuclear_norm=norm)
-        return self.multiplier_step(state)
+        gaps = self.gaps(state)
+        return self.multiplier_step(state, gaps), gaps
 
     def code_step(self, state: State) -> Array:
         """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b.
@@ -208,18 +212,16 @@ class Problem:
         F, _, P = state.S.shape
         M = np.eye(P) - state.C
         Q = axes(self.cameras)
-        rhs = state.shape + state.Y1 / b - (state.Y2 / b) @ M.T
-        rhs = Q @ rhs
+        rhs = Q @ (state.shape + (state.Y1 - times(state.Y2, M.T)) / b)
         rhs[:, :2] += self.W / b
         B = M @ M.T
-        X = np.empty_like(rhs)
         for rows, shift in ((slice(0, 2), 1 + 1 / b), (slice(2, 3), 1.0)):
             A = B.copy()
             A[np.diag_indices(P)] += shift
-            factor = scipy.linalg.cho_factor(A, lower=True, overwrite_a=True, check_finite=False)
+            factor = scipy.linalg.cho_factor(A, overwrite_a=True, check_finite=False)
             flat = rhs[:, rows].reshape(-1, P)
-            X[:, rows] = scipy.linalg.cho_solve(factor, flat.T, check_finite=False).T.reshape(F, -1, P)
-        return Q.transpose(0, 2, 1) @ X
+            rhs[:, rows] = scipy.linalg.cho_solve(factor, flat.T, check_finite=False).T.reshape(F, -1, P)
+        return Q.transpose(0, 2, 1) @ rhs
 
     def shape_step(self, state: State) -> tuple[Array, float]:
         """S# of eq. (16): singular value threshold of g(S) - Y1/b at l2/b; the shape and its nuclear norm."""
@@ -227,26 +229,21 @@ class Problem:
         flat, norm = singular_value_threshold((state.S - state.Y1 / state.b).reshape(F, 3 * P), self.l2 / state.b)
         return flat.reshape(F, 3, P), norm
 
-    def multiplier_step(self, state: State) -> State:
-        """Y += b times the violated constraint (algorithm 1)."""
-        b = state.b
-        return replace(
-            state,
-            Y1=state.Y1 + b * (state.shape - state.S),
-            Y2=state.Y2 + b * (state.S - state.S @ state.C),
-            Y3=state.Y3 + b * (state.C - state.E),
-            Y4=state.Y4 + b * (state.C.sum(axis=0) - 1),
-        )
-
-    def residuals(self, state: State) -> dict[str, float]:
-        """Infinity norms of S# - g(S), S - S C, C - E and 1'C - 1'."""
-        gaps = (
+    def gaps(self, state: State) -> dict[str, Array]:
+        """S# - g(S), S - S C, C - E and 1'C - 1'."""
+        values = (
             state.shape - state.S,
-            state.S - state.S @ state.C,
+            state.S - times(state.S, state.C),
             state.C - state.E,
             state.C.sum(axis=0) - 1,
         )
-        return {name: float(np.abs(gap).max()) for name, gap in zip(RESIDUALS, gaps, strict=True)}
+        return dict(zip(RESIDUALS, values, strict=True))
+
+    def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
+        """Y += b times the violated constraint (algorithm 1)."""
+        Y = (state.Y1, state.Y2, state.Y3, state.Y4)
+        Y1, Y2, Y3, Y4 = (y + state.b * gap for y, gap in zip(Y, gaps.values(), strict=True))
+        return replace(state, Y1=Y1, Y2=Y2, Y3=Y3, Y4=Y4)
 
     def objective(self, state: State) -> float:
         """1/2 |W - R S|^2 + l1 |E|_1 + l2 |S#|_*."""
@@ -259,11 +256,11 @@ class Problem:
         fit = self.W - self.cameras @ state.S
         nuclear = np.linalg.norm(state.shape.reshape(F, 3 * P), "nuc")
         value = 0.5 * np.sum(fit**2) + self.l1 * np.abs(state.E).sum() + self.l2 * nuclear
-        for Y, gap in (
-            (state.Y1, state.shape - state.S),
-            (state.Y2, state.S - state.S @ state.C),
-            (state.Y3, state.C - state.E),
-            (state.Y4, state.C.sum(axis=0) - 1),
-        ):
+        for Y, gap in zip((state.Y1, state.Y2, state.Y3, state.Y4), self.gaps(state).values(), strict=True):
             value += np.sum(Y * gap) + state.b / 2 * np.sum(gap**2)
         return float(value)
+
+
+def times(X: Array, M: Array) -> Array:
+    """X M for (F, 3, P) trajectories and a (P, P) matrix, as one product of 3F rows."""
+    return (X.reshape(-1, X.shape[2]) @ M).reshape(X.shape)

@@ -1,9 +1,13 @@
-"""Methods and their parts by the names that configurations use."""
+"""Methods and their parts by the names that configurations use.
+
+An installed package adds its own under the entry point group ``nrsfm_harness.algorithms``.
+"""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from typing import Any
 
 from sklearn.base import BaseEstimator
@@ -26,6 +30,25 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
 }
 
 
+ENTRY_POINTS = "nrsfm_harness.algorithms"
+
+
+def algorithm(name: object) -> type[BaseEstimator]:
+    """The class of a name, ours or an installed package's; raises MethodError that lists the names."""
+    if name in ALGORITHMS:
+        return ALGORITHMS[str(name)]
+    theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    if name not in theirs:
+        raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
+    try:
+        found = theirs[str(name)].load()
+    except Exception as error:
+        raise MethodError(f"method {name} cannot be imported: {type(error).__name__}: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
+        raise MethodError(f"method {name} is {found!r}, not a class that derives from methods.base.Method")
+    return found
+
+
 def build(settings: Mapping[str, Any]) -> BaseEstimator:
     """Make an algorithm from plain settings: ``algorithm`` names it, the rest are its hyper-parameters.
 
@@ -38,10 +61,8 @@ def build(settings: Mapping[str, Any]) -> BaseEstimator:
     """
     given = dict(settings)
     name = given.pop("algorithm", None)
-    if name not in ALGORITHMS:
-        raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join(ALGORITHMS)}")
+    kind = algorithm(name)
     parameters = {k: build(v) if isinstance(v, Mapping) and "algorithm" in v else v for k, v in given.items()}
-    kind = ALGORITHMS[name]
     try:
         inspect.signature(kind).bind(**parameters)
     except TypeError as error:

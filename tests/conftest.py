@@ -1,0 +1,51 @@
+"""Fixtures that several suites share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy loads
+    os.environ.setdefault(_variable, "1")
+
+import numpy as np
+import pytest
+
+from datasets import procedural
+from datasets.scene import Scene
+
+PAIRS = (
+    "dance_yoga",
+    "drink_walking",
+    "shark_stretch",
+    "walking_yoga",
+    "face_pickup",
+    "face_yoga",
+    "shark_yoga",
+    "stretch_yoga",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if not os.environ.get("NRSFM_DATA"):
+        absent = pytest.mark.skip(reason="NRSFM_DATA is not set, so the real sequences are not there")
+        for item in items:
+            if "data" in item.keywords:
+                item.add_marker(absent)
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of the real sequences; for tests marked ``data``."""
+    return Path(os.environ["NRSFM_DATA"])
+
+
+@pytest.fixture(scope="session")
+def small_scene() -> Scene:
+    """Two generated bodies, small enough for slow references."""
+    return procedural.load_scene(["person", "face"], 15, 30, 0, name="small", placement="paper")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)

@@ -1,0 +1,96 @@
+"""SSC, EDSC and spectral clustering: exact subspaces, optimality, scikit-learn's contract."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from harness.metrics import n_wrong
+from methods.base import MethodError
+from methods.edsc import EDSC, dense_code
+from methods.spectral import spectral_clustering
+from methods.ssc import SSC, code_affinity, sparse_code
+
+
+@parametrize_with_checks([SSC(), EDSC()])
+def test_scikit_learn_contract(estimator, check) -> None:
+    check(estimator)
+
+
+def union(n: int, dimension: int, ambient: int, each: int, affine: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Points on n random (affine) subspaces, in random order."""
+    rng = np.random.default_rng(3)
+    parts = []
+    for _ in range(n):
+        basis = np.linalg.qr(rng.standard_normal((ambient, dimension)))[0]
+        parts.append((basis @ rng.standard_normal((dimension, each))).T + (rng.standard_normal(ambient) if affine else 0))
+    order = rng.permutation(n * each)
+    return np.concatenate(parts)[order], np.repeat(np.arange(n), each)[order]
+
+
+@pytest.mark.parametrize("affine", [False, True])
+@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize("kind", ["ssc", "ssc share .7", "edsc"])
+def test_recovers_exact_subspaces(kind: str, n: int, affine: bool) -> None:
+    X, labels = union(n, 3, 30, 25, affine)
+    model = EDSC(n, affine=affine) if kind == "edsc" else SSC(n, affine=affine, share=0.7 if "share" in kind else 1.0)
+    assert n_wrong(model.fit(X).labels_, labels) == 0
+
+
+def test_sparse_code_is_optimal() -> None:
+    """No feasible direction lowers |C|_1 + a/2 |X - X C|^2 at the solution (affine, zero diagonal)."""
+    X = union(2, 3, 20, 12, affine=True)[0].T
+    C, _ = sparse_code(X, 50.0, True, 20000, 1e-10)
+    assert np.abs(np.diag(C)).max() == 0
+    np.testing.assert_allclose(C.sum(axis=0), 1, atol=1e-6)
+    G = X.T @ X
+    a = 50.0 / np.abs(G - np.diag(np.diag(G))).max(axis=0).min()
+    value = lambda C: np.abs(C).sum() + a / 2 * np.sum((X - X @ C) ** 2)  # noqa: E731
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        change = rng.standard_normal(C.shape) * 10.0 ** rng.uniform(-4, -1)
+        np.fill_diagonal(change, 0)
+        change -= (change.sum(axis=0) / (len(C) - 1)) * (1 - np.eye(len(C)))
+        assert value(C + change) >= value(C) - 1e-6
+
+
+@pytest.mark.parametrize("affine", [False, True])
+def test_dense_code_is_optimal(affine: bool) -> None:
+    """The gradient of 1/2 |C|^2 + weight/2 |X - X C|^2 vanishes, along 1'C = const when affine."""
+    X = union(2, 3, 20, 12, affine)[0].T
+    C = dense_code(X, 120.0, affine)
+    gradient = C - 120.0 * X.T @ (X - X @ C)
+    if affine:
+        np.testing.assert_allclose(C.sum(axis=0), 1, atol=1e-9)
+        gradient -= gradient.mean(axis=0)
+    assert np.abs(gradient).max() < 1e-6
+
+
+def test_share_keeps_the_largest_coefficients() -> None:
+    C = np.array([[0.0, 0.5, 0.1], [0.6, 0.0, 0.3], [0.4, 0.5, 0.0]])
+    kept = code_affinity(C, share=0.7, scale=False)
+    np.testing.assert_allclose(kept, np.array([[0, 1.1, 0.5], [1.1, 0, 0.8], [0.5, 0.8, 0]]) - [[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0]])
+    np.testing.assert_allclose(code_affinity(C, share=0.5, scale=False)[0, 2], 0)
+    np.testing.assert_allclose(code_affinity(C), (C / C.max(axis=0)) + (C / C.max(axis=0)).T)
+
+
+def test_spectral_clustering_cuts_blocks_and_is_deterministic() -> None:
+    A = np.kron(np.eye(3), np.ones((7, 7))) + 0.01
+    labels = spectral_clustering(A, 3)
+    assert n_wrong(labels, np.repeat([0, 1, 2], 7)) == 0
+    assert (labels == spectral_clustering(A, 3)).all()
+
+
+def test_spectral_clustering_survives_isolated_tracks() -> None:
+    A = np.kron(np.eye(2), np.ones((6, 6)))
+    A = np.pad(A, (0, 1))
+    labels = spectral_clustering(A, 2)
+    assert n_wrong(labels[:-1], np.repeat([0, 1], 6)) == 0
+
+
+def test_spectral_clustering_refuses_nonsense() -> None:
+    with pytest.raises(MethodError, match="clusters"):
+        spectral_clustering(np.ones((2, 2)), 3)
+    with pytest.raises(MethodError, match="diverged"):
+        spectral_clustering(np.full((4, 4), np.nan), 2)

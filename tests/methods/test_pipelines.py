@@ -1,0 +1,131 @@
+"""The two-stage pipelines, rotation from tracks, and the registry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from datasets.cameras import orbit, project
+from datasets.scene import Scene
+from harness import metrics
+from methods.base import MethodError
+from methods.bmm import BMM
+from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift
+from methods.registry import ALGORITHMS, build, build_method, version
+from methods.rotation import estimate_cameras, orthonormal_rows
+from methods.ssc import SSC
+
+
+@pytest.fixture(scope="module")
+def pipelines() -> dict:
+    return {
+        "tracks": ClusterTracks(SSC(share=0.7)),
+        "3d": ReconstructThenCluster(BMM(), SSC(share=0.7)),
+        "2d": ClusterThenReconstruct(SSC(share=0.7), BMM()),
+    }
+
+
+@pytest.mark.parametrize("name", ["tracks", "3d", "2d"])
+def test_pipelines_give_what_they_promise(small_scene: Scene, pipelines: dict, name: str) -> None:
+    method = pipelines[name]
+    tracks = small_scene.tracks.copy()
+    found = method.reconstruct(tracks, small_scene.cameras, 2)
+    assert (tracks == small_scene.tracks).all()
+    assert (found.structure is not None) == ("structure" in method.provides)
+    assert found.labels.shape == (small_scene.n_points,)
+    again = method.reconstruct(tracks, small_scene.cameras, 2)
+    assert (again.labels == found.labels).all()
+
+
+@pytest.mark.parametrize("name", ["tracks", "3d", "2d"])
+def test_permuting_tracks_permutes_the_result(
+    small_scene: Scene, pipelines: dict, name: str, rng: np.random.Generator
+) -> None:
+    order = rng.permutation(small_scene.n_points)
+    plain = pipelines[name].reconstruct(small_scene.tracks, small_scene.cameras, 2)
+    mixed = pipelines[name].reconstruct(small_scene.tracks[:, :, order], small_scene.cameras, 2)
+    assert metrics.n_wrong(mixed.labels, plain.labels[order]) == 0
+    if plain.structure is not None:
+        np.testing.assert_allclose(mixed.structure, plain.structure[:, :, order], atol=1e-5)
+
+
+def test_clusters_are_placed_where_they_are() -> None:
+    """Two rigid bodies apart by a constant offset: with the right labels the whole scene comes back."""
+    rng = np.random.default_rng(2)
+    F, P = 90, 12
+    S = np.concatenate([np.tile(rng.standard_normal((1, 3, P)), (F, 1, 1)) + k * np.array([[4.0], [1.0], [2.0]]) for k in (0, 1)], 2)
+    S -= S.mean(axis=2, keepdims=True)
+    S *= 1 + 0.2 * np.sin(np.arange(F) / 5)[:, None, None] * (np.arange(2 * P) >= P)
+    S -= S.mean(axis=2, keepdims=True)
+    R = orbit(F)
+    found = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(project(R, S), R, 2)
+    assert metrics.n_wrong(found.labels, np.repeat([0, 1], P)) == 0
+
+
+def test_lift_is_exact_on_its_basis() -> None:
+    F = 80
+    R = orbit(F)
+    t = (np.arange(F) + 0.5) * np.pi / F
+    path = np.stack([1 + 0 * t, 2 * np.cos(t), 3 - np.cos(2 * t)], axis=1)
+    np.testing.assert_allclose(lift(np.einsum("fij,fj->fi", R, path), R, 3), path, atol=1e-9)
+    with pytest.raises(MethodError, match="trajectory_order"):
+        lift(np.zeros((F, 2)), R, 0)
+
+
+def test_cameras_of_a_rigid_scene_are_found() -> None:
+    rng = np.random.default_rng(5)
+    S = np.tile(rng.standard_normal((1, 3, 20)), (50, 1, 1))
+    R = orbit(50, 4.0)
+    tilt = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    assert metrics.e_r(estimate_cameras(project(R, S)), R) < 1e-8
+    assert metrics.e_r(estimate_cameras(project(R @ tilt, S)), R @ tilt) < 1e-8
+
+
+def test_cameras_of_flat_scenes_are_refused() -> None:
+    rng = np.random.default_rng(5)
+    flat = project(orbit(30), np.tile(rng.standard_normal((1, 3, 10)) * [[[1], [1], [0]]], (30, 1, 1)))
+    with pytest.raises(MethodError, match="rank less than 3"):
+        estimate_cameras(flat)
+    with pytest.raises(MethodError, match="at least 3"):
+        estimate_cameras(np.ones((2, 2, 9)) * np.arange(9))
+
+
+def test_orthonormal_rows_keep_their_sign() -> None:
+    R = orbit(20)
+    flipped = R * np.where(np.arange(20) % 3 == 1, -1.0, 1.0)[:, None, None]
+    np.testing.assert_allclose(orthonormal_rows(2 * flipped), R, atol=1e-12)
+
+
+def test_registry_builds_nested_methods() -> None:
+    settings = {
+        "algorithm": "cluster_then_reconstruct",
+        "clusterer": {"algorithm": "ssc", "share": 0.7},
+        "reconstructor": {"algorithm": "bmm"},
+    }
+    method = build_method(settings)
+    assert method.get_params()["clusterer__share"] == 0.7
+    assert version(method) == "cluster_then_reconstruct:1 ssc:1 bmm:1"
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"algorithm": "magic"}, "magic"),
+        ({}, "None"),
+        ({"algorithm": "ours", "l3": 1}, "l3"),
+        ({"algorithm": "cluster_tracks"}, "clusterer"),
+        ({"algorithm": "ssc"}, "part of methods"),
+    ],
+)
+def test_registry_names_what_is_wrong(settings: dict, word: str) -> None:
+    with pytest.raises(MethodError, match=word):
+        build_method(settings)
+
+
+def test_every_algorithm_round_trips_its_parameters() -> None:
+    for name, kind in ALGORITHMS.items():
+        parts = {"clusterer": SSC(), "reconstructor": BMM()}
+        needed = {k: v for k, v in parts.items() if k in kind.__init__.__code__.co_varnames}
+        model = kind(**needed)
+        again = build({"algorithm": name, **model.get_params(deep=False)})
+        assert again.get_params().keys() == model.get_params().keys()
