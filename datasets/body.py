@@ -62,11 +62,11 @@ class Body:
         if S.ndim != 3 or S.shape[1] != 3 or 0 in S.shape:
             raise DatasetError(f"body {self.name}: structure has shape {S.shape}, wanted (frames, 3, points)")
         if not np.isfinite(S).all():
-            raise DatasetError(f"body {self.name}: structure holds NaN or infinite values; remove those points or frames")
+            raise DatasetError(f"body {self.name}: structure holds NaN or infinite values; drop those points")
         if self.edges.size and (self.edges.min() < 0 or self.edges.max() >= S.shape[2]):
             raise DatasetError(f"body {self.name}: edges name points outside 0..{S.shape[2] - 1}")
         if self.cameras is not None and self.cameras.shape != (S.shape[0], 2, 3):
-            raise DatasetError(f"body {self.name}: cameras have shape {self.cameras.shape}, wanted {(S.shape[0], 2, 3)}")
+            raise DatasetError(f"body {self.name}: cameras have shape {self.cameras.shape}, wanted ({len(S)}, 2, 3)")
 
     @property
     def n_frames(self) -> int:

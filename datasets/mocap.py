@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.body import Array, Body, DatasetError, no_edges, register
+from datasets.body import Array, Body, DatasetError, MissingData, no_edges, register
 from datasets.matfile import read_mat
 from datasets.scene import Scene, compose
 from datasets.sources import sha256
@@ -104,25 +104,23 @@ def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
             edges = _bones(path, source.n_points)
     if motion == "registered" and source.registered == "procrustes":
         S = register(S)
-    return Body(
-        name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, cameras=None, digest=sha256(path)
-    )
+    return Body(name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, cameras=None, digest=sha256(path))
 
 
 def _expect(path: Path, field: str, value: Array, shape: tuple[int, ...]) -> Array:
     if value.shape != shape:
         raise DatasetError(f"{path}: field {field} has shape {value.shape}, wanted {shape}; is it the right file?")
     if not np.isfinite(value).all():
-        raise DatasetError(f"{path}: field {field} holds NaN or infinite values; fetch it again with 'harness data get'")
+        raise DatasetError(f"{path}: field {field} holds NaN or infinite values; fetch it with 'harness data get'")
     return value
 
 
 def _bones(path: Path, n_points: int) -> NDArray[np.int64]:
     """The bones of ``list`` (1-based pairs of points)."""
-    pairs = read_mat(path, ["list"])["list"].astype(np.int64) - 1
-    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.min() < 0 or pairs.max() >= n_points:
+    pairs = read_mat(path, ["list"])["list"]
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or not ((pairs >= 1) & (pairs <= n_points)).all():
         raise DatasetError(f"{path}: field list is not a list of pairs of the {n_points} points")
-    return pairs
+    return pairs.astype(np.int64) - 1
 
 
 def load_scene(

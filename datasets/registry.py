@@ -86,13 +86,14 @@ def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return procedural.VERSION
 
 
-SOURCES: dict[str, tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]] = {
+Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
+SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
     "procedural": (_procedural, _procedural_digest),
 }
 
 
-def _source(settings: Settings) -> tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]:
+def _source(settings: Settings) -> Source:
     if settings.get("source") not in SOURCES:
         raise DatasetError(f"dataset.source is {settings.get('source')!r}, wanted one of {', '.join(SOURCES)}")
     return SOURCES[settings["source"]]

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from harness.record import OK, STATUSES, Outcome, UsageError
+from harness.storage import write_atomically
 from harness.untrusted import Fields, is_date, load
-from harness.worker import write_atomically
 
 SCHEMA = 1
 LARGEST_REASON = 2000
@@ -171,7 +171,8 @@ def bless(
         raise UsageError("a baseline needs a reason: say why these numbers are right")
     if not is_date(date):
         raise UsageError(f"date {date!r} is not of the form YYYY-MM-DD")
-    rows = tuple(index(Blessed.of(outcome, metrics) for outcome in outcomes).values())
+    once = {outcome.key: outcome for outcome in outcomes}
+    rows = tuple(index(Blessed.of(outcome, metrics) for outcome in once.values()).values())
     if not rows:
         raise UsageError("nothing to bless: no trial has run")
     before = Baseline.read(path) if path.exists() else None

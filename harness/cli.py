@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -91,13 +92,13 @@ def _report(argv: list[str]) -> int:
 
 
 def _compare(argv: list[str]) -> int:
-    from harness.compare import main as compare
+    from harness.gate import compare_main
 
-    return compare(argv)
+    return compare_main(argv)
 
 
 def _bless(argv: list[str]) -> int:
-    from harness.compare import bless_main
+    from harness.gate import bless_main
 
     return bless_main(argv)
 
@@ -141,7 +142,7 @@ def _ui(argv: list[str]) -> int:
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", settings.tracking_uri]
     command += ["--host", given.host, "--port", str(given.port)]
     print(f"http://{given.host}:{given.port} shows {settings.tracking_uri}; Ctrl-C stops it", flush=True)
-    os.execv(sys.executable, command)
+    return subprocess.call(command)
 
 
 def _settings(overrides: Sequence[str]) -> Settings:

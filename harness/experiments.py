@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hydra import compose, initialize_config_module
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
@@ -70,7 +70,7 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
         plain = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
         raise UsageError(f"configuration: {one_line(error)}") from None
-    assert isinstance(plain, dict)
+    plain = cast(dict[str, Any], plain)
     for key, allowed in (("missing", MISSING), ("rerun", RERUN)):
         if plain[key] not in allowed:
             raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")

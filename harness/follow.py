@@ -12,16 +12,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from harness.experiments import Settings
 from harness.record import OK, UsageError
+from harness.storage import read_record
 from harness.tracking import Tracker
 from harness.trial import Entry, entries, journal
-from harness.worker import read_record
 
 
 class Follower:
     """Context manager around a sweep: one thread, the only writer to the tracker.
 
-    Workers leave records in trial folders and a line in the journal; this thread brings each into MLflow as it appears, so
-    workers never load MLflow nor wait for its store.
+    Workers leave records in trial folders and a line in the journal; this thread brings each into MLflow as it
+    appears, so workers never load MLflow nor wait for its store.
 
     Parameters
     ----------
@@ -116,4 +116,5 @@ class Follower:
         except UsageError as error:
             self.trouble = str(error)
         except Exception as error:
-            self.trouble = f"tracker {self.settings.tracking_uri}: {type(error).__name__}: {' '.join(str(error).split())}"
+            reason = " ".join(str(error).split())
+            self.trouble = f"tracker {self.settings.tracking_uri}: {type(error).__name__}: {reason}"

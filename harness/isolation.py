@@ -7,13 +7,14 @@ never inherits the state of the process that asked for it. Linux and macOS.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ class Ended:
 
 
 def run_isolated(
-    target: Callable[..., None],
+    target: str,
     args: tuple[Any, ...],
     *,
     seconds: float,
@@ -42,12 +43,12 @@ def run_isolated(
     threads: int,
     log: Path | None = None,
 ) -> Ended:
-    """Call ``target(*args)`` in a child process under limits.
+    """Call a function in a child process under limits.
 
     Parameters
     ----------
-    target : callable
-        Importable; it leaves its result in a file.
+    target : str
+        ``module:function``, imported in the child alone; it leaves its result in a file.
     args : tuple
         Picklable.
     seconds, memory_gb : float
@@ -89,7 +90,7 @@ def run_isolated(
     return Ended(CRASHED, f"the process ended with exit code {code}")
 
 
-def _child(target: Callable[..., None], args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:
+def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:
     with contextlib.suppress(OSError):
         os.setsid()
     threading.Thread(target=_die_with_parent, daemon=True).start()
@@ -103,7 +104,8 @@ def _child(target: Callable[..., None], args: tuple[Any, ...], memory_gb: float,
 
     threadpool_limits(threads)
     try:
-        target(*args)
+        module, name = target.split(":")
+        getattr(importlib.import_module(module), name)(*args)
     except MemoryError:
         os._exit(OOM_EXIT)
     sys.stdout.flush()
@@ -153,7 +155,7 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
 def _light_main() -> Iterator[None]:
     """Hide the main script from the child, which would otherwise import it again; the target is importable."""
     main = sys.modules["__main__"]
-    hidden = {name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in main.__dict__}
+    hidden: dict[str, Any] = {n: main.__dict__.pop(n) for n in ("__file__", "__spec__") if n in main.__dict__}
     main.__spec__ = None
     try:
         yield
@@ -167,5 +169,3 @@ def peak_mb() -> float:
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
-
-

@@ -13,8 +13,8 @@ from rich.table import Table
 
 from harness.experiments import Settings, expand
 from harness.record import OK, Outcome, Trial
+from harness.storage import read_record
 from harness.trial import identify
-from harness.worker import read_record
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from harness.record import UsageError
-from harness.worker import write_atomically
+from harness.answers import answers
+from harness.record import OK, UsageError
+from harness.storage import write_atomically
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS
+from reports.writers import FORMATS, console
 
 
 def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
@@ -28,7 +31,7 @@ def summary(built: Sequence[Table]) -> str:
 
 
 def write(answers_by_table: Mapping[str, Sequence[Answer]], folder: Path) -> list[Path]:
-    """Write every format of every table.
+    """Write every format of every table; the paper's own LaTeX layout where a paper prints the table.
 
     Everything is rendered before anything is written, and each file appears whole or not at all.
 
@@ -53,11 +56,63 @@ def write(answers_by_table: Mapping[str, Sequence[Answer]], folder: Path) -> lis
         f"{table.name}{ending}": writer(table)
         for table in tables(answers_by_table)
         for ending, writer in FORMATS.items()
+        if table.printed or ending != "_paper.tex"
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            write_atomically(folder / name, lambda handle, text=text: handle.write(text.encode()))
+            _write(folder / name, text)
     except OSError as error:
         raise UsageError(f"cannot write the report to {folder}: {error.strerror}; choose another folder") from None
     return [folder / name for name in texts]
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomically(path, lambda handle: handle.write(text.encode()))
+
+
+DEFAULT = ("table1", "table2")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print tables and write them; exit code 2 when a trial that a table asks for is missing or failed.
+
+    Raises
+    ------
+    UsageError
+        If an experiment or override is unknown, or the tracker cannot be reached.
+    """
+    parser = argparse.ArgumentParser(
+        "harness report",
+        description="Rebuild tables from the tracker: md, tex (as in the paper, and for audit), html, csv, json.",
+        epilog="harness report\nharness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "words", nargs="*", metavar="TABLE|OVERRIDE", help=f"experiments ({' '.join(DEFAULT)}) and overrides"
+    )
+    parser.add_argument("--folder", type=Path, help="where to write; OUTPUT/report by default")
+    parser.add_argument("--quiet", action="store_true", help="write the files, print no tables")
+    given = parser.parse_args(argv)
+    names = [word for word in given.words if "=" not in word] or list(DEFAULT)
+    overrides = [word for word in given.words if "=" in word]
+    found: dict[str, list[Answer]] = {}
+    settings = None
+    for name in names:
+        found[name], settings = answers([f"+experiment={name}", *overrides])
+    assert settings is not None
+    built = tables(found)
+    if not given.quiet:
+        for table in built:
+            console(table)
+    folder = given.folder or settings.output / "report"
+    write(found, folder)
+    print(summary(built))
+    print(f"Written to {folder}")
+    lacking = [trial for group in found.values() for trial, run in group if run is None]
+    failed = [trial for group in found.values() for trial, run in group if run and run.outcome.status != OK]
+    if lacking:
+        print(f"{len(lacking)} trials are not run yet; 'harness run +experiment=...' runs them", file=sys.stderr)
+    if failed:
+        print(f"{len(failed)} trials failed; the cells say why", file=sys.stderr)
+    return 2 if lacking or failed else 0

@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 from harness.experiments import compose_config, grid, read, sweep_arguments
 from harness.follow import Follower
 from harness.record import OK
-from harness.trial import execute
+from harness.trial import execute, journal
 
 HYDRA_FLAGS = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 
@@ -44,6 +44,7 @@ def main(argv: Sequence[str]) -> int:
         flags = [*flags, "--multirun"]
     _, settings = read(compose_config(jobs[0]))
     settings = replace(settings, sweep=settings.sweep or _name())
+    journal(settings.output, settings.sweep).parent.mkdir(parents=True, exist_ok=True)
     arguments = [*flags, *overrides, *sweep_arguments(overrides), f"sweep={settings.sweep}"]
     with Follower(settings, len(jobs)) as follower:
         code = _hydra(arguments)
@@ -61,7 +62,8 @@ def _report(follower: Follower) -> int:
     parts += [f"{n} {status}" for status, n in sorted(bad.items())]
     if missing:
         parts.append(f"{missing} not reached")
-    print(f"{follower.total} trial{'s' if follower.total > 1 else ''}: {', '.join(parts)}. Output: {follower.settings.output}")
+    plural = "" if follower.total == 1 else "s"
+    print(f"{follower.total} trial{plural}: {', '.join(parts)}. Output: {follower.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in follower.entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:

@@ -15,7 +15,7 @@ import numpy as np
 from filelock import FileLock
 
 from harness.record import OK, Outcome, UsageError
-from harness.worker import ARRAYS, LOG, RESULT, TRACEBACK, read_record
+from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, read_record
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

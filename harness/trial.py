@@ -12,7 +12,7 @@ from filelock import FileLock
 
 from datasets import registry as datasets
 from datasets.body import DatasetError
-from harness import worker
+from harness import storage
 from harness.experiments import Settings
 from harness.isolation import run_isolated
 from harness.record import FAILED, OK, Outcome, Trial
@@ -43,7 +43,7 @@ def identify(trial: Trial, settings: Settings) -> tuple[str, str]:
 def done(trial: Trial, settings: Settings) -> tuple[str, Outcome | None]:
     """The trial's key and its record, if it is done."""
     key, _ = identify(trial, settings)
-    return key, worker.read_record(settings.trials / key)
+    return key, storage.read_record(settings.trials / key)
 
 
 def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
@@ -55,28 +55,28 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
     folder = settings.trials / key
     folder.mkdir(parents=True, exist_ok=True)
     with FileLock(folder / ".lock"):
-        before = worker.read_record(folder)
+        before = storage.read_record(folder)
         if before is not None and not _again(before, settings.rerun):
             note(settings, Entry(key, trial.title, before.status, ran=False))
             return before, False
-        for stale in (worker.RESULT, worker.ARRAYS, worker.TRACEBACK, worker.LOG):
+        for stale in (storage.RESULT, storage.ARRAYS, storage.TRACEBACK, storage.LOG):
             (folder / stale).unlink(missing_ok=True)
         blank = _blank(trial, key, settings.sweep)
         if reason:
-            worker.write_record(folder, replace(blank, error=reason))
+            storage.write_record(folder, replace(blank, error=reason))
         else:
             stand_in = settings.missing == "stand_in"
             ended = run_isolated(
-                worker.work,
+                "harness.worker:work",
                 (trial, blank, settings.data, stand_in, folder),
                 seconds=settings.seconds,
                 memory_gb=settings.memory_gb,
                 threads=settings.threads,
-                log=folder / worker.LOG,
+                log=folder / storage.LOG,
             )
             if ended.status != OK:
-                worker.write_record(folder, replace(blank, status=ended.status, error=ended.detail))
-        outcome = worker.read_record(folder)
+                storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail))
+        outcome = storage.read_record(folder)
         assert outcome is not None
         note(settings, Entry(key, trial.title, outcome.status, ran=True))
         return outcome, True

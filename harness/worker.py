@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
-import tempfile
 import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +14,13 @@ import numpy as np
 from datasets.body import DatasetError
 from datasets.registry import load_scene
 from harness import metrics
-from harness.environment import environment
 from harness.isolation import peak_mb
 from harness.record import FAILED, OK, Outcome, Trial, UsageError
+from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
 from methods.base import MethodError, Reconstruction
 from methods.registry import build_method
 from methods.rotation import estimate_cameras
 
-RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "log.txt"
 EXPECTED = (DatasetError, MethodError, UsageError)
 
 
@@ -109,36 +104,6 @@ def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...
             raise MethodError(f"the method gave {name} of shape {value.shape}, wanted {size}")
         elif not np.isfinite(value).all():
             raise MethodError(f"the method gave {name} with NaN or infinite values: it diverged")
-
-
-def write_record(folder: Path, outcome: Outcome) -> None:
-    """Write ``result.json``, the mark of a finished trial, atomically."""
-    outcome = replace(outcome, finished=datetime.now(UTC).isoformat(timespec="milliseconds"), environment=environment())
-    write_atomically(folder / RESULT, lambda handle: handle.write(outcome.to_json().encode()))
-
-
-def write_atomically(path: Path, write: Any) -> None:
-    """Write a file so that it is there whole or not at all, whatever is killed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            write(stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def read_record(folder: Path) -> Outcome | None:
-    """The record of a finished trial, or None; a damaged one counts as not finished."""
-    try:
-        return Outcome.from_json((folder / RESULT).read_text())
-    except (OSError, ValueError, json.JSONDecodeError):
-        return None
 
 
 def _compact(value: np.ndarray) -> np.ndarray:

@@ -112,10 +112,10 @@ def fit_shape(
     F, _, P = W.shape
     Rt = cameras.transpose(0, 2, 1)
     S = Rt @ W
-    b = penalty or 20.0 / np.linalg.norm(S.reshape(F, 3 * P), 2)
+    b = penalty or 20.0 / float(np.linalg.norm(S.reshape(F, 3 * P), 2))
     Z = S.copy()
     Y = np.zeros_like(S)  # scaled multiplier of g(S) = S#, Y/b
-    size = max(np.linalg.norm(W), np.finfo(float).tiny)
+    size = max(float(np.linalg.norm(W)), float(np.finfo(float).tiny))
     norm = residual = 0.0
     iteration = 0
     for iteration in range(1, max_iter + 1):
@@ -143,7 +143,7 @@ def fit_shape(
 def cut_rank(structure: Array, rank: int) -> Array:
     """Nearest (F, 3, P) structure whose F x 3P arrangement has the given rank."""
     F, _, P = structure.shape
-    if not 1 <= rank:
+    if not rank >= 1:
         raise MethodError(f"rank is {rank}, wanted at least 1")
     U, s, Vt = np.linalg.svd(structure.reshape(F, 3 * P), full_matrices=False)
     return ((U[:, :rank] * s[:rank]) @ Vt[:rank]).reshape(F, 3, P)

@@ -61,11 +61,11 @@ class EDSC(ClusterMixin, BaseEstimator):
 
     def fit(self, X: ArrayLike, y: Any = None) -> EDSC:
         """Cluster the rows of X, shape (n_samples, n_features)."""
-        X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         if not self.weight > 0:
             raise ValueError(f"weight is {self.weight}, wanted a positive number")
-        self.code_ = dense_code(X.T, self.weight, self.affine)
-        rank = min(self.dimension * self.n_clusters + 1, len(X))
+        self.code_ = dense_code(points.T, self.weight, self.affine)
+        rank = min(self.dimension * self.n_clusters + 1, len(points))
         self.affinity_matrix_ = shape_interaction(self.code_, rank, self.power)
         self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
         return self

@@ -45,8 +45,9 @@ class MultiBody(Method):
     tol : float
         Stop when the four residuals' infinity norms are below it (the paper's epsilon).
     diagonal : {"threshold", "exact", "paper"}
-        How diag(C) = 0 is kept. ``threshold``: by the E-step, an exact proximal step. ``exact``: by the C-step, solved under
-        the constraint. ``paper``: C - diag(C) after the C-step, as printed, which breaks the minimisation.
+        How diag(C) = 0 is kept. ``threshold``: by the E-step, an exact proximal step. ``exact``: by the C-step,
+        solved under the constraint. ``paper``: C - diag(C) after the C-step, as printed, which breaks the
+        minimisation.
     seed : int
         Of k-means.
     """

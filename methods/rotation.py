@@ -38,7 +38,9 @@ def estimate_cameras(tracks: Array) -> Array:
         raise MethodError(f"cameras cannot be estimated from {F} frames and {P} tracks; at least 3 and 4 are needed")
     U, s, _ = np.linalg.svd(W.reshape(2 * F, P), full_matrices=False)
     if s[2] < 1e-9 * s[0]:
-        raise MethodError("cameras cannot be estimated: the tracks have rank less than 3 (a flat scene or a fixed camera)")
+        raise MethodError(
+            "cameras cannot be estimated: the tracks have rank less than 3 (a flat scene or a fixed camera)"
+        )
     M = (U[:, :3] * s[:3] / np.sqrt(P)).reshape(F, 2, 3)
     m1, m2 = M[:, 0], M[:, 1]
     equations = np.concatenate([_quadratic(m1, m1) - _quadratic(m2, m2), _quadratic(m1, m2), _total(m1, m2)])

@@ -70,9 +70,9 @@ class SSC(ClusterMixin, BaseEstimator):
 
     def fit(self, X: ArrayLike, y: Any = None) -> SSC:
         """Cluster the rows of X, shape (n_samples, n_features)."""
-        X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         _check_settings(self)
-        self.code_, self.n_iter_ = sparse_code(X.T, self.alpha, self.affine, self.max_iter, self.tol)
+        self.code_, self.n_iter_ = sparse_code(points.T, self.alpha, self.affine, self.max_iter, self.tol)
         self.affinity_matrix_ = code_affinity(self.code_, self.share)
         self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
         return self
@@ -110,7 +110,9 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
     C = np.zeros((n, n))
     U = np.zeros((n, n))  # scaled multiplier of Z = C
     u = np.zeros(n)  # scaled multiplier of 1'Z = 1'
-    for iteration in range(1, max_iter + 1):
+    iteration = 0
+    while iteration < max_iter:
+        iteration += 1
         rhs = a * G + alpha * (C - U)
         if affine:
             rhs += alpha * (1 - u)

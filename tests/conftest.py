@@ -30,7 +30,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if not os.environ.get("NRSFM_DATA"):
         absent = pytest.mark.skip(reason="NRSFM_DATA is not set, so the real sequences are not there")
         for item in items:
-            if "data" in item.keywords:
+            if item.get_closest_marker("data"):
                 item.add_marker(absent)
 
 

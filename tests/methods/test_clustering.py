@@ -24,7 +24,9 @@ def union(n: int, dimension: int, ambient: int, each: int, affine: bool) -> tupl
     parts = []
     for _ in range(n):
         basis = np.linalg.qr(rng.standard_normal((ambient, dimension)))[0]
-        parts.append((basis @ rng.standard_normal((dimension, each))).T + (rng.standard_normal(ambient) if affine else 0))
+        parts.append(
+            (basis @ rng.standard_normal((dimension, each))).T + (rng.standard_normal(ambient) if affine else 0)
+        )
     order = rng.permutation(n * each)
     return np.concatenate(parts)[order], np.repeat(np.arange(n), each)[order]
 
@@ -70,7 +72,9 @@ def test_dense_code_is_optimal(affine: bool) -> None:
 def test_share_keeps_the_largest_coefficients() -> None:
     C = np.array([[0.0, 0.5, 0.1], [0.6, 0.0, 0.3], [0.4, 0.5, 0.0]])
     kept = code_affinity(C, share=0.7, scale=False)
-    np.testing.assert_allclose(kept, np.array([[0, 1.1, 0.5], [1.1, 0, 0.8], [0.5, 0.8, 0]]) - [[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0]])
+    np.testing.assert_allclose(
+        kept, np.array([[0, 1.1, 0.5], [1.1, 0, 0.8], [0.5, 0.8, 0]]) - [[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0]]
+    )
     np.testing.assert_allclose(code_affinity(C, share=0.5, scale=False)[0, 2], 0)
     np.testing.assert_allclose(code_affinity(C), (C / C.max(axis=0)) + (C / C.max(axis=0)).T)
 

@@ -26,9 +26,7 @@ def state(problem: Problem, rng: np.random.Generator) -> State:
     F, _, P = problem.W.shape
     triple = lambda: rng.standard_normal((F, 3, P))  # noqa: E731
     square = lambda: 0.3 * rng.standard_normal((P, P))  # noqa: E731
-    return State(
-        triple(), triple(), square(), square(), triple(), triple(), square(), rng.standard_normal(P), b=0.7
-    )
+    return State(triple(), triple(), square(), square(), triple(), triple(), square(), rng.standard_normal(P), b=0.7)
 
 
 def slope(problem: Problem, state: State, name: str, direction: np.ndarray, step: float = 1e-4) -> float:

@@ -53,7 +53,9 @@ def test_clusters_are_placed_where_they_are() -> None:
     """Two rigid bodies apart by a constant offset: with the right labels the whole scene comes back."""
     rng = np.random.default_rng(2)
     F, P = 90, 12
-    S = np.concatenate([np.tile(rng.standard_normal((1, 3, P)), (F, 1, 1)) + k * np.array([[4.0], [1.0], [2.0]]) for k in (0, 1)], 2)
+    S = np.concatenate(
+        [np.tile(rng.standard_normal((1, 3, P)), (F, 1, 1)) + k * np.array([[4.0], [1.0], [2.0]]) for k in (0, 1)], 2
+    )
     S -= S.mean(axis=2, keepdims=True)
     S *= 1 + 0.2 * np.sin(np.arange(F) / 5)[:, None, None] * (np.arange(2 * P) >= P)
     S -= S.mean(axis=2, keepdims=True)

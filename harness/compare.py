@@ -1,0 +1,213 @@
+"""Measured numbers against blessed or published ones, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from types import MappingProxyType
+from typing import Any
+
+from harness.baseline import Baseline, Blessed, bless, index, rounded
+from harness.comparison import Comparison, Line, State, markdown, show
+from harness.record import OK, Outcome, UsageError
+from reports.layouts import LAYOUTS, Metric
+from reports.tables import wrong_tracks
+from reports.text import one_line
+
+__all__ = [
+    "Baseline",
+    "Comparison",
+    "Line",
+    "State",
+    "Tolerance",
+    "bless",
+    "compare",
+    "markdown",
+    "published",
+    "show",
+    "tolerances",
+]
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far above its baseline a metric may lie: the larger of the two."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+    def slack(self, baseline: float) -> float:
+        return max(self.absolute, self.relative * baseline) * (1 + 1e-9) + 1e-12
+
+
+BLESSED_TOLERANCES: Mapping[str, Tolerance] = MappingProxyType(
+    {"n_wrong": Tolerance(absolute=1), "e_3d*": Tolerance(absolute=0.002, relative=0.05)}
+)
+PUBLISHED_TOLERANCES: Mapping[str, Tolerance] = MappingProxyType(
+    {"n_wrong": Tolerance(absolute=1), "e_3d*": Tolerance(relative=0.1)}
+)
+
+
+def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
+    """Tolerances as the configuration gives them.
+
+    Parameters
+    ----------
+    config : mapping
+        Metric, or a pattern such as ``e_3d*``, -> ``absolute`` and ``relative``; e_ms -> ``tracks``.
+
+    Raises
+    ------
+    UsageError
+        Naming the entry that is no tolerance.
+    """
+    found = {}
+    for metric, entry in config.items():
+        allowed = ("tracks",) if metric in ("e_ms", "n_wrong") else ("absolute", "relative")
+        if not isinstance(entry, Mapping) or not entry or not set(entry) <= set(allowed):
+            raise UsageError(f"tolerance of {one_line(metric)}: wanted {' and '.join(allowed)}")
+        for name, value in entry.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < float("inf"):
+                raise UsageError(f"tolerance of {one_line(metric)}: {name} is {value!r}, wanted a number >= 0")
+        if allowed == ("tracks",):
+            found["n_wrong"] = Tolerance(absolute=float(entry["tracks"]))
+        else:
+            found[metric] = Tolerance(float(entry.get("absolute", 0)), float(entry.get("relative", 0)))
+    return found
+
+
+def compare(
+    baseline: Baseline | None,
+    outcomes: Iterable[Outcome],
+    tolerances: Mapping[str, Tolerance] | None = None,
+    against: str = "blessed",
+) -> Comparison:
+    """Hold measured outcomes against blessed or published numbers.
+
+    Parameters
+    ----------
+    baseline : Baseline or None
+        May be None against published numbers.
+    outcomes : iterable of Outcome
+        What was measured.
+    tolerances : mapping, optional
+        Metric or pattern -> Tolerance; an exact name wins over a pattern. A metric of the baseline without one
+        must be there but may have any value.
+    against : {"blessed", "published"}
+        Published numbers exist for the paper's scenes without noise; stand-ins never compare with them.
+
+    Returns
+    -------
+    Comparison
+        Lines in the baseline's order, then rows and metrics that it does not have.
+
+    Raises
+    ------
+    UsageError
+        If two outcomes differ in settings that no baseline names, or ``against`` is neither word.
+    """
+    outcomes = list({outcome.key: outcome for outcome in outcomes}.values())
+    if against == "published":
+        baseline, chosen = published(outcomes), tolerances or PUBLISHED_TOLERANCES
+        outcomes = [o for o in outcomes if o.identity in {row.identity for row in baseline.rows}]
+    elif against == "blessed" and baseline is not None:
+        chosen = tolerances or BLESSED_TOLERANCES
+    else:
+        raise UsageError(f"compare against {one_line(against)!r}: wanted published, or blessed with a baseline")
+    errors = {(o.identity, o.stand_in): o.error for o in outcomes}
+    measured = index(Blessed.of(outcome, None) for outcome in outcomes)
+    lines: list[Line] = []
+    met = set()
+    for row in sorted(baseline.rows, key=lambda r: r.key):
+        other, found = (row.identity, not row.stand_in), measured.get(row.key)
+        if found is None and other in measured and (measured[other].status != OK or row.status != OK):
+            found = replace(measured[other], stand_in=row.stand_in)  # an unfinished trial may not know its data
+            met.add(other)
+        if found is not None:
+            met.add(row.key)
+            error = errors.get(row.key) or errors.get(other, "")
+            lines += _row(row, found, error, chosen, complete=against == "blessed")
+        elif other in measured:
+            met.add(other)
+            lines.append(Line(row.title, "", State.MISSING, why=_unlike(row.stand_in)))
+        else:
+            lines.append(Line(row.title, "", State.MISSING, why="not measured"))
+    for key, found in measured.items():
+        if key not in met:
+            state = State.NEW if found.status == OK else State.FAILED
+            lines.append(Line(found.title, "", state, why=_ended(found.status, errors[key])))
+    return Comparison("the published numbers" if against == "published" else "the blessed baseline", tuple(lines))
+
+
+def published(outcomes: Sequence[Outcome]) -> Baseline:
+    """The paper's numbers for the outcomes that have any, as a baseline of real data without noise.
+
+    A share of wrong tracks becomes a count of the outcome's tracks, and the published e_3d is held against
+    e_3d_dai, which it follows.
+    """
+    rows: dict[Any, Blessed] = {}
+    for outcome in outcomes:
+        if outcome.level or outcome.identity in rows:
+            continue
+        metrics: dict[str, float] = {}
+        points = outcome.n_points
+        for design in LAYOUTS.values():
+            points = design.published_points(outcome.dataset) or points
+            for metric in design.metrics:
+                text = design.printed(outcome.dataset, outcome.method, metric.name)
+                if text is not None and (not metric.counts or points):
+                    name, value = _published(metric, float(text), points or 0)
+                    metrics.setdefault(name, value)
+        if metrics:
+            row = replace(Blessed.of(outcome, ()), stand_in=False, status=OK, n_points=points, metrics=metrics)
+            rows[outcome.identity] = row
+    return Baseline("published numbers", "", tuple(rows.values()))
+
+
+def _published(metric: Metric, value: float, points: int) -> tuple[str, float]:
+    return (metric.counts, float(wrong_tracks(value, points))) if metric.counts else (metric.logged, value)
+
+
+def _row(row: Blessed, found: Blessed, error: str, chosen: Mapping[str, Tolerance], complete: bool) -> Iterator[Line]:
+    if found.status != OK:
+        state = State.SAME if row.status != OK else State.FAILED
+        yield Line(row.title, "status", state, why=_ended(found.status, error))
+        return
+    if row.status != OK:
+        yield Line(row.title, "status", State.BETTER, why=f"was {row.status}, now ok")
+        return
+    if None not in (row.n_points, found.n_points) and row.n_points != found.n_points:
+        why = f"the baseline has {row.n_points} tracks, measured were {found.n_points}: not the same scene"
+        yield Line(row.title, "", State.MISSING, why=why)
+        return
+    if not any(metric in found.metrics and _tolerance(chosen, metric) for metric in row.metrics):
+        yield Line(row.title, "status", State.SAME)
+    for metric, blessed in row.metrics.items():
+        tolerance = _tolerance(chosen, metric)
+        value = found.metrics.get(metric)
+        if value is None:
+            yield Line(row.title, metric, State.MISSING, baseline=blessed, why="no longer logged")
+        elif tolerance is not None:
+            blessed, slack = rounded(blessed), tolerance.slack(blessed)
+            state = State.WORSE if value > blessed + slack else State.BETTER if value < blessed - slack else State.SAME
+            yield Line(row.title, metric, state, blessed, value, slack, found.n_points)
+    for metric in found.metrics if complete else ():
+        if metric not in row.metrics and metric in chosen:
+            yield Line(row.title, metric, State.NEW, measured=found.metrics[metric])
+
+
+def _tolerance(chosen: Mapping[str, Tolerance], metric: str) -> Tolerance | None:
+    if metric in chosen:
+        return chosen[metric]
+    return next((t for pattern, t in chosen.items() if fnmatchcase(metric, pattern)), None)
+
+
+def _unlike(stand_in: bool) -> str:
+    wanted, got = ("a stand-in", "real data") if stand_in else ("real data", "a stand-in")
+    return f"the baseline is from {wanted}, measured was {got}: they do not compare"
+
+
+def _ended(status: str, error: str) -> str:
+    error = one_line(error)
+    return "" if status == OK else f"{status}: {error}" if error else status

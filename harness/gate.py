@@ -1,0 +1,116 @@
+"""The verbs ``compare`` and ``bless``: hold what was measured against a baseline, or make it the baseline."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from harness.answers import answers
+from harness.baseline import Baseline, bless
+from harness.compare import compare, tolerances
+from harness.comparison import markdown, show
+from harness.experiments import compose_config
+from harness.record import Outcome, UsageError
+
+
+def compare_main(argv: Sequence[str]) -> int:
+    """Compare; exit code 0 when nothing is worse, 1 when something is, 2 when something is missing or failed.
+
+    Raises
+    ------
+    UsageError
+        If the overrides, the tolerances or the baseline cannot be used.
+    """
+    parser = argparse.ArgumentParser(
+        "harness compare",
+        description="Hold measured runs against a blessed baseline or the published numbers.",
+        epilog="harness compare +experiment=quick\n"
+        "harness compare +experiment=table1 compare.baseline=tables\n"
+        "harness compare +experiment=table2 compare.against=published\n"
+        "Exit codes: 0 ok, 1 worse, 2 missing or failed, 3 usage.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=quick when none is named")
+    parser.add_argument("--all", action="store_true", help="show rows that did not change, too")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write the comparison as markdown")
+    given = parser.parse_args(argv)
+    overrides = _with_experiment(given.overrides)
+    settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
+    against = str(settings["against"])
+    baseline = Baseline.read(locate(str(settings["baseline"]))) if against == "blessed" else None
+    chosen = tolerances(settings["tolerances"]) if against == "blessed" else None
+    comparison = compare(baseline, measured(overrides), chosen, against)
+    show(comparison, everything=given.all)
+    if given.markdown:
+        given.markdown.write_text(markdown(comparison))
+    return comparison.code
+
+
+def bless_main(argv: Sequence[str]) -> int:
+    """Record what was measured as a baseline.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing to bless, no reason, or the file cannot be used.
+    """
+    parser = argparse.ArgumentParser(
+        "harness bless",
+        description="Record measured runs as a baseline, with the reason why they are right.",
+        epilog="harness bless quick --reason 'exact E-step' +experiment=quick",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("name", help="reports/baselines/NAME.json, or a path that ends in .json")
+    parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=NAME when none is named")
+    parser.add_argument("--reason", required=True, help="why these numbers are right; kept in the file")
+    given = parser.parse_args(argv)
+    path = locate(given.name)
+    baseline = bless(
+        measured(_with_experiment(given.overrides, Path(given.name).stem)),
+        path,
+        given.reason,
+        f"{datetime.now(UTC):%Y-%m-%d}",
+    )
+    print(f"{len(baseline.rows)} rows written to {path}")
+    return 0
+
+
+def measured(overrides: Sequence[str]) -> list[Outcome]:
+    """Outcomes that the tracker holds for the trials of the overrides."""
+    found, _ = answers(overrides)
+    absent = sum(run is None for _, run in found)
+    if absent:
+        print(f"{absent} of {len(found)} trials are not run yet; 'harness run' runs them", file=sys.stderr)
+    return [run.outcome for _, run in found if run is not None]
+
+
+def locate(name: str) -> Path:
+    """A baseline's file: a path that ends in .json, or a name among the package's own.
+
+    Raises
+    ------
+    UsageError
+        If the name is neither.
+    """
+    if name.endswith(".json"):
+        return Path(name)
+    if not name.replace("_", "").replace("-", "").isalnum():
+        raise UsageError(f"baseline {name!r}: wanted a name such as quick, or a path that ends in .json")
+    return Path(str(resources.files("reports.baselines"))) / f"{name}.json"
+
+
+def _with_experiment(overrides: Sequence[str], name: str = "quick") -> list[str]:
+    named = any(word.lstrip("+").startswith("experiment=") for word in overrides)
+    swept = any("," in word or word.startswith(("dataset=", "method=")) for word in overrides)
+    return list(overrides) if named or swept else [f"+experiment={name}", *overrides]
+
+
+def _plain(overrides: Sequence[str]) -> list[str]:
+    return [word for word in overrides if word.lstrip("+").startswith(("compare", "experiment="))]

@@ -1,0 +1,238 @@
+"""The one table model. Every format is written from it and nothing else."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from urllib.parse import quote, urlsplit, urlunsplit
+
+from reports.layouts import Metric
+from reports.text import one_line
+
+
+class Verdict(StrEnum):
+    """What a measured number says about the published one. Better and worse are both not reproduced."""
+
+    REPRODUCED = "reproduced"
+    BETTER = "better"
+    WORSE = "worse"
+    NONE = "n/a"
+    STAND_IN = "stand-in"
+
+    @property
+    def text(self) -> str:
+        return f"not reproduced ({self})" if self in (Verdict.BETTER, Verdict.WORSE) else str(self)
+
+    @property
+    def symbol(self) -> str:
+        """Errors: an arrow down is an error below the published one."""
+        return {"reproduced": "✓", "better": "↓", "worse": "↑", "stand-in": "◇"}.get(self, "○")
+
+
+LEGEND = ", ".join(f"{v.symbol} {v.text}" for v in Verdict)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the rows of one table share, or else differ in.
+
+    Parameters
+    ----------
+    cameras, placement, motion : str
+        The scene's choices.
+    level : float
+        Noise, as a share of the largest image coordinate.
+    bodies : int or None
+        Clusters asked for, where that is not the scene's number.
+    """
+
+    cameras: str = "known"
+    placement: str = "paper"
+    motion: str = "registered"
+    level: float = 0.0
+    bodies: int | None = None
+
+    def words(self, names: tuple[str, ...] = ()) -> str:
+        """``cameras known, placement paper, ...``; all of it, or the named fields."""
+        said = []
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if names and f.name not in names:
+                continue
+            if f.name == "level":
+                said.append(f"noise {value:g}" if value else "no noise")
+            elif value not in (None, ""):
+                said.append(f"{f.name} {value}")
+        return ", ".join(said)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Where a number comes from: the tracker's run, the trial, and the run's address on a tracking server."""
+
+    run_id: str
+    trial_key: str
+    link: str = ""
+
+    @classmethod
+    def at(cls, uri: str, run_id: str, trial_key: str) -> Run:
+        """A run in the store at ``uri``; only a server's address makes a link, and never with its password."""
+        run_id, trial_key = one_line(run_id), one_line(trial_key)
+        try:
+            parts = urlsplit(uri)
+        except ValueError:
+            return cls(run_id, trial_key)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            return cls(run_id, trial_key)
+        home = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
+        return cls(run_id, trial_key, f"{home}/#/runs/{quote(run_id, safe='')}")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method's answer to one metric on one row.
+
+    Parameters
+    ----------
+    published : str or None
+        As printed; in rows of means, the mean of the printed numbers.
+    measured, std, count : float, float, int
+        Mean of the runs, their sample standard deviation (two runs and more) and their number.
+    beside : float or None
+        The metric's second measured number.
+    wrong, points : float, int
+        Wrong tracks, of how many.
+    difference : float or None
+        Measured minus published, in the metric's unit.
+    verdict, reason : Verdict, str
+        The reason says why there is no number, or why there is no verdict.
+    best, best_printed : bool
+        Lowest of the row, ties too: among all columns, and among the paper's.
+    stand_in : bool
+        Measured on generated data.
+    runs : tuple of Run
+        The runs that answer.
+    """
+
+    published: str | None = None
+    measured: float | None = None
+    std: float | None = None
+    count: int = 0
+    beside: float | None = None
+    wrong: float | None = None
+    points: int | None = None
+    difference: float | None = None
+    verdict: Verdict = Verdict.NONE
+    reason: str = ""
+    best: bool = False
+    best_printed: bool = False
+    stand_in: bool = False
+    runs: tuple[Run, ...] = ()
+
+
+@dataclass(frozen=True)
+class Column:
+    """One metric of one method. ``heading`` is the method's LaTeX head in the paper's table, "" outside it."""
+
+    method: str
+    label: str
+    heading: str
+    metric: Metric
+
+
+@dataclass(frozen=True)
+class Row:
+    """One dataset under one setting; ``cells`` run parallel to the table's columns."""
+
+    dataset: str
+    label: str
+    setting: Setting
+    stand_in: bool
+    printed: bool
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A line under the table. Loud ones change what the numbers mean and stand on top."""
+
+    text: str
+    loud: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with everything that any of its formats shows.
+
+    Parameters
+    ----------
+    name : str
+        Stem of its files.
+    title, caption : str
+        Plain text.
+    columns, rows : tuple
+        ``rows[i].cells[j]`` belongs to ``columns[j]``.
+    means : tuple of Row
+        Column means, one row for each kind of data and setting.
+    notes : tuple of Note
+        Loud ones first.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    means: tuple[Row, ...]
+    notes: tuple[Note, ...]
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        return tuple(dict.fromkeys(column.metric for column in self.columns))
+
+    @property
+    def methods(self) -> tuple[tuple[str, str], ...]:
+        """(name, label) of every method, left to right."""
+        return tuple(dict.fromkeys((column.method, column.label) for column in self.columns))
+
+    @property
+    def printed(self) -> bool:
+        """Whether a paper prints this table; otherwise there is nothing to compare with."""
+        return any(column.heading for column in self.columns)
+
+    @property
+    def loud(self) -> tuple[str, ...]:
+        return tuple(note.text for note in self.notes if note.loud)
+
+    def cells(self) -> Iterator[tuple[Row, Column, Cell]]:
+        """Every cell, row by row, without the means."""
+        for row in self.rows:
+            for column, cell in zip(self.columns, row.cells, strict=True):
+                yield row, column, cell
+
+    @property
+    def verdicts(self) -> Counter[Verdict]:
+        """How many cells got which verdict."""
+        return Counter(cell.verdict for _, _, cell in self.cells())
+
+    @property
+    def summary(self) -> str:
+        """One line: how many of the published numbers were reproduced, and what became of the others."""
+        counts = self.verdicts
+        cells = [cell for _, _, cell in self.cells()]
+        judged = sum(counts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        printed = sum(cell.published is not None for cell in cells)
+        said = [
+            f"{counts[Verdict.REPRODUCED]} of {printed} published numbers reproduced",
+            f"{counts[Verdict.BETTER] + counts[Verdict.WORSE]} not "
+            f"({counts[Verdict.BETTER]} better, {counts[Verdict.WORSE]} worse)",
+            f"{printed - judged} not judged",
+        ]
+        if not printed:
+            said = ["no published numbers"]
+        said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
+        if stand_ins := sum(cell.stand_in and cell.measured is not None for cell in cells):
+            said.append(f"{stand_ins} of them on stand-ins and not compared")
+        return f"{self.title}: " + ", ".join(said) + "."

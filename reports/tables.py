@@ -1,0 +1,220 @@
+"""From trials and the runs that answer them to one table: published beside measured, with a verdict each.
+
+No error is computed here: numbers are logged metrics, their means over repeats, and their distance from the
+published ones.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import replace
+
+from harness.record import OK, UsageError
+from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
+from reports.layouts import LABELS, Layout, Method, Metric, layout
+from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
+from reports.remarks import remarks
+from reports.text import DIGITS, number, one_line
+
+__all__ = ["Answer", "Cell", "Column", "Note", "Row", "Run", "Setting", "Table", "Tracked", "Verdict", "build"]
+
+
+def build(name: str, answers: Sequence[Answer], design: Layout | None = None) -> Table:
+    """The table of an experiment.
+
+    Parameters
+    ----------
+    name : str
+        The experiment: picks the layout, and is the stem of the table's files.
+    answers : sequence of (Trial, Tracked or None)
+        What was asked, and the run that answers it; None if none does.
+    design : Layout, optional
+        Takes the place of the experiment's own layout.
+
+    Returns
+    -------
+    Table
+        The paper's rows in its order, asked for or not, then the others. Methods without a column of their own
+        get one on the right.
+
+    Raises
+    ------
+    UsageError
+        If the name cannot be a file's.
+    """
+    if not name or not name.replace("_", "").replace("-", "").isalnum():
+        raise UsageError(f"table name {one_line(name)!r} holds more than letters, digits, - and _")
+    design = design or layout(name)
+    sorted_answers = grid(answers, design.datasets)
+    columns = _columns(design, sorted_answers)
+    rows = tuple(_row(design, columns, sorted_answers, key) for key in sorted_answers.rows)
+    notes = remarks(design, columns, rows, sorted_answers)
+    return Table(name, design.title, design.caption, columns, rows, _means(rows, columns), notes)
+
+
+def _columns(design: Layout, answers: Grid) -> tuple[Column, ...]:
+    """The paper's columns always; the audit's, and methods that no layout foresaw, where they were asked for."""
+    asked = answers.methods
+    placed = {method.name for method in design.methods}
+    methods = [method for method in design.methods if method.heading or method.name in asked]
+    methods += [Method(name) for name in asked if name not in placed]
+    return tuple(
+        Column(method.name, LABELS.get(method.name, method.name), method.heading, metric)
+        for method in methods
+        for metric in design.metrics
+    )
+
+
+def _row(design: Layout, columns: tuple[Column, ...], answers: Grid, key: RowKey) -> Row:
+    label = design.label(key.dataset)
+    differing = tuple(f for f in Setting.__match_args__ if len({getattr(s, f) for s in answers.settings}) > 1)
+    if differing:
+        label += f", {key.setting.words(differing)}"
+    if key.stand_in:
+        label += " (stand-in)"
+    cells = [_cell(design, column, key, answers.rows[key].get(column.method, [])) for column in columns]
+    marked = _mark(columns, cells)
+    return Row(key.dataset, label, key.setting, key.stand_in, key.dataset in design.datasets, marked)
+
+
+def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
+    metric = column.metric
+    blank = Cell(published=design.printed(key.dataset, column.method, metric.name), stand_in=key.stand_in)
+    if not answers:
+        return replace(blank, reason="not asked")
+    groups = repeats(answers)
+    group = next(iter(groups.values()))
+    runs = [run for _, run in group if run is not None]
+    blank = replace(blank, runs=tuple(Run.at(r.uri, r.run_id, r.outcome.key) for r in runs))
+    if len(groups) > 1:
+        return replace(blank, runs=(), reason=f"{len(groups)} settings of this method were asked; a cell holds one")
+    values = [
+        r.outcome.metrics[metric.logged] for r in runs if r.outcome.status == OK and metric.logged in r.outcome.metrics
+    ]
+    missing = next(filter(None, (_missing(run, metric) for _, run in group)), "")
+    if not values:
+        return replace(blank, beside=_mean(runs, metric.beside), reason=missing)
+    points = {r.outcome.n_points for r in runs if r.outcome.status == OK}
+    cell = replace(
+        blank,
+        measured=statistics.fmean(values),
+        std=statistics.stdev(values) if len(values) > 1 else None,
+        count=len(values),
+        beside=_mean(runs, metric.beside),
+        wrong=_mean(runs, metric.counts),
+        points=points.pop() if len(points) == 1 else None,
+    )
+    if len(values) < len(group):
+        missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
+    return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
+
+
+def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int | None, missing: str) -> Cell:
+    """Set the verdict, or the reason why there is none."""
+    if cell.stand_in:
+        return replace(cell, verdict=Verdict.STAND_IN, reason=missing)
+    if missing:
+        return replace(cell, reason=missing)
+    if cell.published is None:
+        return replace(cell, reason="no published number")
+    if setting.level:
+        return replace(cell, reason="noise added; the published number is without")
+    if metric.counts and (cell.wrong is None or not cell.points):
+        return replace(cell, reason=f"{metric.counts} or n_points not logged")
+    if published_points and cell.points and cell.points != published_points:
+        return replace(cell, reason=f"measured on {cell.points} tracks, published on {published_points}")
+    distance, scale = _distance(cell, metric)
+    slack = metric.tolerance * scale + 1e-12
+    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if distance > 0 else Verdict.BETTER
+    return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
+
+
+def _distance(cell: Cell, metric: Metric) -> tuple[float, float]:
+    """Measured minus published, and the unit of its tolerance: one track, or the published number itself."""
+    published = float(cell.published or 0)
+    if metric.counts:
+        return (cell.wrong or 0.0) - wrong_tracks(published, cell.points or 0), 1.0
+    return (cell.measured or 0.0) - published, published
+
+
+def wrong_tracks(share: float, points: int) -> int:
+    """The count behind a printed share of wrong tracks: .025 of 116 is 3."""
+    return round(share * points)
+
+
+def _missing(run: Tracked | None, metric: Metric) -> str:
+    """Why a run gives no number; "" if it does."""
+    if run is None:
+        return "not run"
+    outcome = run.outcome
+    if outcome.status != OK:
+        error = one_line(outcome.error)
+        return f"{outcome.status}: {error}" if error else outcome.status
+    if metric.logged in outcome.metrics:
+        return ""
+    return f"{metric.logged} not logged" if metric.beside in outcome.metrics else metric.absent
+
+
+def _mean(runs: Sequence[Tracked], name: str) -> float | None:
+    values = [r.outcome.metrics[name] for r in runs if r.outcome.status == OK and name in r.outcome.metrics]
+    return statistics.fmean(values) if values else None
+
+
+def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
+    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best."""
+    marked = list(cells)
+    for metric in dict.fromkeys(column.metric for column in columns):
+        places = [i for i, column in enumerate(columns) if column.metric == metric]
+        for best in _lowest(cells, places):
+            marked[best] = replace(marked[best], best=True)
+        for best in _lowest(cells, [i for i in places if columns[i].heading]):
+            marked[best] = replace(marked[best], best_printed=True)
+    return tuple(marked)
+
+
+def _lowest(cells: Sequence[Cell], places: Sequence[int]) -> list[int]:
+    values = {i: round(cell.measured, DIGITS) for i in places if (cell := cells[i]).measured is not None}
+    return [i for i, value in values.items() if value == min(values.values())] if len(values) > 1 else []
+
+
+def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...]:
+    """A row of column means for each kind of data and setting.
+
+    Taken over the rows that every measured column has a number on, so that columns compare; two rows at least.
+    """
+    kinds: dict[tuple[bool, Setting], list[Row]] = {}
+    for row in rows:
+        kinds.setdefault((row.stand_in, row.setting), []).append(row)
+    means = []
+    for (stand_in, setting), members in kinds.items():
+        used = [i for i in range(len(columns)) if any(row.cells[i].measured is not None for row in members)]
+        common = [row for row in members if all(row.cells[i].measured is not None for i in used)]
+        if not used or len(common) < 2:
+            continue
+        cells = tuple(_mean_cell([row.cells[i] for row in common], stand_in) for i in range(len(columns)))
+        label = "Mean" if len(common) == len(members) else f"Mean ({len(common)} of {len(members)} rows)"
+        label += f", {setting.words()}" if len({s for _, s in kinds}) > 1 else ""
+        means.append(Row("mean", label + " (stand-in)" * stand_in, setting, stand_in, False, cells))
+    return tuple(means)
+
+
+def _mean_cell(cells: Sequence[Cell], stand_in: bool) -> Cell:
+    measured = [cell.measured for cell in cells if cell.measured is not None]
+    if not measured:
+        return Cell(reason="no row measured", stand_in=stand_in)
+    published = [float(cell.published) for cell in cells if cell.published is not None]
+    beside = [cell.beside for cell in cells if cell.beside is not None]
+    wrong = [cell.wrong for cell in cells if cell.wrong is not None]
+    points = [cell.points for cell in cells if cell.points is not None]
+    whole = len(cells)
+    return Cell(
+        published=number(statistics.fmean(published)) if len(published) == whole and not stand_in else None,
+        measured=statistics.fmean(measured),
+        count=whole,
+        beside=statistics.fmean(beside) if len(beside) == whole else None,
+        wrong=sum(wrong) if len(wrong) == whole else None,
+        points=sum(points) if len(points) == whole else None,
+        reason=f"over {whole} rows",
+        stand_in=stand_in,
+    )

@@ -1,0 +1,95 @@
+"""A shell for the command line, and methods that misbehave, as an installed package would bring them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+NAUGHTY = '''
+import os, signal, time
+import numpy as np
+from methods.base import Method, Reconstruction
+
+class Naughty(Method):
+    """Does one wrong thing."""
+    provides = frozenset({"labels"})
+    def __init__(self, how="raise"):
+        self.how = how
+    def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
+        if self.how == "raise":
+            raise RuntimeError("the method\\nraised <b>this</b>")
+        if self.how == "hang":
+            time.sleep(600)
+        if self.how == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.how == "segfault":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if self.how == "exit":
+            os._exit(3)
+        if self.how == "memory":
+            self.hoard = [np.ones(2**24) for _ in range(64)]
+        if self.how == "diverge":
+            nowhere = np.full((len(tracks), 3, tracks.shape[2]), np.nan)
+            return Reconstruction(labels=np.zeros(tracks.shape[2], int), structure=nowhere)
+        if self.how == "nothing":
+            return Reconstruction()
+        if self.how == "slow":
+            time.sleep(1.0)
+        return Reconstruction(labels=np.arange(tracks.shape[2]) % n_bodies)
+'''
+
+Shell = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def naughty_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder to put on the path: a module, its entry point, and a configuration of it."""
+    root = tmp_path_factory.mktemp("installed")
+    (root / "naughty.py").write_text(NAUGHTY)
+    info = root / "naughty-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: naughty\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[nrsfm_harness.algorithms]\nnaughty = naughty:Naughty\n")
+    return root
+
+
+@pytest.fixture
+def environment(tmp_path: Path, naughty_package: Path) -> dict[str, str]:
+    return {
+        **os.environ,
+        "HARNESS_OUTPUT": str(tmp_path / "out"),
+        "NRSFM_DATA": str(tmp_path / "no-data"),
+        "PYTHONPATH": str(naughty_package),
+        "COLUMNS": "200",
+    }
+
+
+@pytest.fixture
+def harness(environment: dict[str, str], tmp_path: Path) -> Shell:
+    """Run the command line in a fresh folder; extra keywords are environment variables."""
+
+    def call(*arguments: str, timeout: float = 120, **variables: str) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [sys.executable, "-m", "harness", *arguments],
+            env=environment | variables,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        return done
+
+    return call
+
+
+#: A scene and method that take no time.
+TINY = ("dataset.points=8", "dataset.frames=12", "method=edsc")
+#: The misbehaving method in place of a real one.
+ODD = (*TINY, "~method.clusterer", "method.algorithm=naughty", "method.name=naughty")

@@ -1,0 +1,70 @@
+"""The command line: one clear line and the documented exit code, whatever is typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.harness.conftest import TINY, Shell
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["run", "dataset=nowhere"], 3, "dataset/nowhere"),
+        (["run", "method=nothing"], 3, "method/nothing"),
+        (["run", "-m", "method=edsc,nothing"], 3, "nothing"),
+        (["run", "method.l7=1"], 3, "method.l7"),
+        (["run", "noise.level=loud"], 3, "noise.level"),
+        (["run", "dataset=["], 3, "["),
+        (["plan", "+experiment=none"], 3, "experiment/none"),
+        (["run", "dataset=dance_yoga", "method=edsc"], 2, "dance.mat is not there"),
+        (["run", "dataset=mocap_scene", "dataset.bodies=[dance,ghost]", "method=edsc"], 2, "ghost"),
+        (["run", "dataset.bodies=[person]", "n_bodies=2", "method=edsc"], 2, "has 1 body and n_bodies is 2"),
+        (["frobnicate"], 3, "frobnicate"),
+        ([], 3, ""),
+    ],
+)
+def test_errors_are_one_clear_line(harness: Shell, words: list[str], code: int, said: str) -> None:
+    done = harness(*words)
+    assert done.returncode == code, (done.stdout, done.stderr)
+    assert said in done.stderr
+    assert len([line for line in done.stderr.splitlines() if said and said in line]) <= 1
+
+
+@pytest.mark.parametrize("verb", ["", "plan", "report", "compare", "bless", "list", "data", "sync", "ui", "run"])
+def test_every_verb_explains_itself(harness: Shell, verb: str) -> None:
+    done = harness(*([verb] if verb else []), "--help")
+    assert done.returncode == 0
+    assert "harness" in done.stdout
+
+
+def test_list_names_what_there_is(harness: Shell) -> None:
+    out = harness("list").stdout
+    for name in ("ours", "bmm_ssc3d", "dance_yoga", "procedural", "table1", "quick"):
+        assert name in out
+
+
+def test_plan_tells_done_from_missing(harness: Shell) -> None:
+    words = (*TINY, "noise.level=0,0.02")
+    assert "2 missing" in harness("plan", *words).stdout
+    assert harness("run", *TINY).returncode == 0
+    planned = harness("plan", *words)
+    assert planned.returncode == 0
+    assert "1 done, 1 missing" in planned.stdout
+    assert "Expected:" in planned.stdout
+
+
+def test_unwritable_output_is_one_line(harness: Shell, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    done = harness("run", *TINY, HARNESS_OUTPUT=str(blocked / "out"))
+    assert done.returncode == 2
+    assert str(blocked) in done.stderr
+
+
+def test_hydra_flags_work(harness: Shell) -> None:
+    done = harness("run", "--cfg", "job", "method=ours", "method.l1=0.5")
+    assert done.returncode == 0
+    assert "l1: 0.5" in done.stdout

@@ -1,0 +1,87 @@
+"""Whatever a function does to its process, it does to that process alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.isolation import run_isolated
+from harness.record import CRASHED, OK, OOM, TIMEOUT
+
+
+def act(how: str, path: str) -> None:
+    if how == "write":
+        Path(path).write_text(os.environ["OMP_NUM_THREADS"])
+    if how == "print":
+        print("spoken")
+        os.system("echo shouted >&2")
+    if how == "child":
+        child = subprocess.Popen(["sleep", "600"])
+        Path(path).write_text(str(child.pid))
+        time.sleep(600)
+    if how == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "exit":
+        os._exit(5)
+    if how == "raise":
+        raise RuntimeError("no")
+    if how == "memory":
+        np.ones(2**29)
+    if how == "threads":
+        from threadpoolctl import threadpool_info
+
+        Path(path).write_text(str({p["num_threads"] for p in threadpool_info()}))
+
+
+def isolated(how: str, path: Path, **limits: float):
+    given = {"seconds": 60.0, "memory_gb": 2.0, "threads": 1, **limits}
+    return run_isolated(f"{__name__}:act", (how, str(path)), log=path.with_suffix(".log"), **given)
+
+
+@pytest.mark.parametrize(
+    ("how", "status", "word"),
+    [
+        ("write", OK, ""),
+        ("segfault", CRASHED, "SIGSEGV"),
+        ("exit", CRASHED, "exit code 5"),
+        ("raise", CRASHED, "exit code 1"),
+        ("memory", OOM, "more than 2 GB"),
+    ],
+)
+def test_endings(tmp_path: Path, how: str, status: str, word: str) -> None:
+    ended = isolated(how, tmp_path / "file")
+    assert ended.status == status
+    assert word in ended.detail
+
+
+def test_time_limit_ends_descendants_too(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    start = time.monotonic()
+    ended = isolated("child", path, seconds=1.5)
+    assert ended.status == TIMEOUT
+    assert time.monotonic() - start < 30
+    pid = int(path.read_text())
+    for _ in range(50):
+        state = Path(f"/proc/{pid}/stat")
+        if not state.exists() or state.read_text().split()[2] == "Z":
+            break
+        time.sleep(0.1)
+    else:
+        pytest.fail("the grandchild lives on")
+
+
+def test_output_goes_to_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert isolated("print", tmp_path / "file").status == OK
+    assert set((tmp_path / "file.log").read_text().split()) == {"spoken", "shouted"}
+    assert capfd.readouterr().out == ""
+
+
+def test_blas_threads_are_capped(tmp_path: Path) -> None:
+    assert isolated("threads", tmp_path / "file").status == OK
+    assert (tmp_path / "file").read_text() == "{1}"

@@ -1,0 +1,128 @@
+"""Metrics: published figures, invariances, and what they must not forgive."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets.matfile import read_mat
+from datasets.scene import Scene
+from harness import metrics
+from methods.base import Reconstruction
+
+
+def stored() -> list[tuple[str, int, int, str, float]]:
+    text = resources.files("reports.paper").joinpath("single_body.csv").read_text()
+    return [
+        (r["sequence"], int(r["frames"]), int(r["points"]), r["metric"], float(r["value"]))
+        for r in csv.DictReader(text.splitlines())
+        if r["method"] == "pta_stored"
+    ]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("sequence", "frames", "points", "metric", "value"), stored())
+def test_stored_reconstructions_have_their_published_errors(
+    data_folder: Path, sequence: str, frames: int, points: int, metric: str, value: float
+) -> None:
+    arrays = read_mat(data_folder / "mocap" / f"{sequence}.mat", ["S", "Shat"])
+    truth, estimate = (arrays[name].reshape(frames, 3, points) for name in ("S", "Shat"))
+    measured = getattr(metrics, metric)(estimate, truth)
+    assert round(measured, 4) == value
+    if metric == "e_3d_dai":
+        aligned = metrics.align_polar(estimate, truth)
+        assert round(metrics.e_3d_dai(aligned, truth), 4) == value
+
+
+@pytest.mark.data
+def test_procrustes_is_not_the_polar_rule(data_folder: Path) -> None:
+    arrays = read_mat(data_folder / "mocap" / "pickup.mat", ["S", "Shat"])
+    truth, estimate = (arrays[name].reshape(357, 3, 41) for name in ("S", "Shat"))
+    assert round(metrics.e_3d_dai(metrics.align_procrustes(estimate, truth), truth), 4) == 0.2222
+
+
+def test_missegmentation_ignores_names() -> None:
+    truth = np.repeat([0, 1, 2], [5, 7, 9])
+    assert metrics.n_wrong(np.array([4, 9, 1])[truth], truth) == 0
+    wrong = truth.copy()
+    wrong[[0, 6]] = 2
+    assert metrics.n_wrong(wrong, truth) == 2
+    assert metrics.n_wrong(np.array([1, 2, 0])[wrong], truth) == 2
+
+
+def test_missegmentation_matches_a_slow_count(rng: np.random.Generator) -> None:
+    from itertools import permutations
+
+    for _ in range(20):
+        truth, found = rng.integers(0, 4, 30), rng.integers(0, 4, 30)
+        slow = min(int((np.array(p)[found] != truth).sum()) for p in permutations(range(4)))
+        assert metrics.n_wrong(found, truth) == slow
+
+
+def test_merged_and_split_clusters_count() -> None:
+    truth = np.repeat([0, 1], [6, 4])
+    assert metrics.n_wrong(np.zeros(10, int), truth) == 4
+    assert metrics.n_wrong(np.arange(10), truth) == 8
+
+
+@pytest.fixture
+def estimate(small_scene: Scene, rng: np.random.Generator) -> Reconstruction:
+    S = small_scene.structure + 0.1 * rng.standard_normal(small_scene.structure.shape)
+    S -= S.mean(axis=2, keepdims=True)
+    return Reconstruction(structure=S, cameras=small_scene.cameras, labels=small_scene.labels)
+
+
+def test_estimated_cameras_are_judged_up_to_one_orthogonal_matrix(
+    small_scene: Scene, estimate: Reconstruction, rng: np.random.Generator
+) -> None:
+    Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    turned = replace(estimate, structure=Q @ estimate.structure, cameras=estimate.cameras @ Q.T)
+    plain = metrics.evaluate(small_scene, estimate, known_cameras=False)
+    moved = metrics.evaluate(small_scene, turned, known_cameras=False)
+    assert plain.keys() == moved.keys()
+    for name in plain.keys() - {"e_3d_dai_cam"}:
+        assert moved[name] == pytest.approx(plain[name], abs=1e-9), name
+    assert moved["e_3d_dai_cam"] == pytest.approx(plain["e_3d_dai_cam"], rel=0.02)
+
+
+def test_known_cameras_forgive_no_rotation(small_scene: Scene, estimate: Reconstruction) -> None:
+    flipped = replace(estimate, structure=-estimate.structure)
+    assert metrics.evaluate(small_scene, flipped, known_cameras=True)["e_3d"] > 1.5
+    assert metrics.evaluate(small_scene, flipped, known_cameras=False)["e_3d"] < 0.3
+
+
+def test_the_truth_has_no_error(small_scene: Scene) -> None:
+    truth = Reconstruction(structure=small_scene.structure, cameras=small_scene.cameras, labels=1 - small_scene.labels)
+    for known in (True, False):
+        values = metrics.evaluate(small_scene, truth, known_cameras=known)
+        assert max(values.values()) < 1e-9
+        assert {"e_3d", "e_3d_dai", "e_3d_centred", "e_3d_body_0", "e_3d_body_1", "e_ms", "n_wrong"} <= values.keys()
+
+
+def test_definitions_by_hand(small_scene: Scene, estimate: Reconstruction) -> None:
+    S, T = estimate.structure, small_scene.structure
+    frames = [np.linalg.norm(S[f] - T[f]) / np.linalg.norm(T[f]) for f in range(len(T))]
+    assert metrics.e_3d(S, T) == pytest.approx(np.mean(frames))
+    stds = [np.std(T[f, i]) for f in range(len(T)) for i in range(3)]
+    gaps = [np.linalg.norm(S[f, :, p] - T[f, :, p]) for f in range(len(T)) for p in range(T.shape[2])]
+    assert metrics.e_3d_dai(S, T) == pytest.approx(np.mean(gaps) / np.mean(stds))
+
+
+def test_what_is_absent_is_left_out(small_scene: Scene) -> None:
+    labels_only = metrics.evaluate(small_scene, Reconstruction(labels=small_scene.labels), known_cameras=True)
+    assert labels_only == {"n_wrong": 0.0, "e_ms": 0.0}
+    blind = replace(small_scene, structure=None, labels=None)
+    found = Reconstruction(structure=small_scene.structure, cameras=small_scene.cameras, labels=small_scene.labels)
+    assert metrics.evaluate(blind, found, known_cameras=True).keys() == {"reprojection"}
+
+
+def test_affinity_between_bodies() -> None:
+    truth = np.repeat([0, 1], 3)
+    block = np.kron(np.eye(2), np.ones((3, 3)))
+    assert metrics.affinity_between(block, truth) == 0
+    assert metrics.affinity_between(1 - block, truth) == 1

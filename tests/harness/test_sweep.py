@@ -1,0 +1,166 @@
+"""Sweeps from the shell: contained failures, resumption after a kill, one row a trial in a real MLflow store."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from harness.tracking import Tracker
+from tests.harness.conftest import ODD, TINY, Shell
+
+
+def records(tmp_path: Path) -> dict[str, dict]:
+    return {p.parent.name: json.loads(p.read_text()) for p in (tmp_path / "out/trials").glob("*/result.json")}
+
+
+def tracked(tmp_path: Path) -> list:
+    return Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").outcomes()
+
+
+@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+def test_misbehaving_trials_become_rows_and_the_rest_completes(harness: Shell, tmp_path: Path, launcher: str) -> None:
+    ways = "ok,raise,hang,kill,segfault,exit,memory,diverge,nothing"
+    done = harness(
+        "run", "-m", *ODD, f"+method.how={ways}", "limits.seconds=4", "limits.memory_gb=2", f"hydra/launcher={launcher}"
+    )
+    assert done.returncode == 2, done.stderr
+    assert "9 trials: 9 run, 3 crashed, 3 failed, 1 oom, 1 timeout" in done.stdout
+    found = {r["parameters"]["method"]["how"]: r for r in records(tmp_path).values()}
+    assert {how: r["status"] for how, r in found.items()} == {
+        "ok": "ok",
+        "raise": "failed",
+        "hang": "timeout",
+        "kill": "crashed",
+        "segfault": "crashed",
+        "exit": "crashed",
+        "memory": "oom",
+        "diverge": "failed",
+        "nothing": "failed",
+    }
+    assert found["raise"]["error"] == "RuntimeError: the method raised <b>this</b>"
+    assert "SIGKILL" in found["kill"]["error"]
+    assert "SIGSEGV" in found["segfault"]["error"]
+    assert "promises labels" in found["nothing"]["error"]
+    assert {(t.outcome.key, t.outcome.status) for t in tracked(tmp_path)} == {
+        (key, r["status"]) for key, r in records(tmp_path).items()
+    }
+    again = harness("run", "-m", *ODD, f"+method.how={ways}", f"hydra/launcher={launcher}")
+    assert again.returncode == 2
+    assert "nothing to run, 9 done before" in again.stdout
+    assert "rerun=failed" in again.stdout
+
+
+def test_second_time_runs_nothing_and_says_so(harness: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *TINY, "noise.level=0,0.02", "dataset.seed=0,1")
+    first = harness(*words)
+    assert (first.returncode, "4 trials: 4 run" in first.stdout) == (0, True), first.stderr
+    stamps = {key: r["finished"] for key, r in records(tmp_path).items()}
+    second = harness(*words)
+    assert (second.returncode, "nothing to run, 4 done before" in second.stdout) == (0, True)
+    assert {key: r["finished"] for key, r in records(tmp_path).items()} == stamps
+    assert len(tracked(tmp_path)) == 4
+
+
+def test_store_holds_parameters_metrics_curves_and_tags(harness: Shell, tmp_path: Path) -> None:
+    assert harness("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
+    (one,) = tracked(tmp_path)
+    client = Tracker(one.uri, tmp_path / "out").client
+    run = client.get_run(one.run_id)
+    assert run.data.params["method.l1"] == "0.003"
+    assert run.data.params["dataset.points"] == "8"
+    assert run.data.metrics["e_3d"] == one.outcome.metrics["e_3d"]
+    for name in ("objective", "residual_shape", "residual_expression", "residual_code", "residual_affine"):
+        curve = client.get_metric_history(one.run_id, name)
+        assert len(curve) > 50, name
+        assert [m.step for m in curve] == sorted(m.step for m in curve)
+    assert run.data.tags["trial_key"] == one.outcome.key
+    assert {"sweep", "dataset", "method", "level", "repeat"} <= run.data.tags.keys()
+    assert run.info.status == "FINISHED"
+    assert {f.path for f in client.list_artifacts(one.run_id)} >= {"result.json", "arrays.npz"}
+    mode = sqlite3.connect(tmp_path / "out/mlflow.db").execute("PRAGMA journal_mode").fetchone()[0]
+    assert mode == "wal"
+
+
+@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+@pytest.mark.parametrize("moment", [1, 3])
+def test_killed_sweep_loses_no_finished_trial(
+    harness: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, moment: int
+) -> None:
+    """kill -9 after some trials are finished; the second start keeps them and runs the rest."""
+    words = ["run", "-m", *ODD, "+method.how=slow", "noise.repeat=range(6)", f"hydra/launcher={launcher}"]
+    sweep = subprocess.Popen(
+        [sys.executable, "-m", "harness", *words], env=environment, cwd=tmp_path, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while len(records(tmp_path)) < moment:
+        assert time.monotonic() < deadline, "no trial was finished"
+        assert sweep.poll() is None
+        time.sleep(0.02)
+    os.killpg(sweep.pid, signal.SIGKILL)
+    sweep.wait()
+    time.sleep(0.5)  # children notice that their parent is gone
+    before = {key: r["finished"] for key, r in records(tmp_path).items()}
+    assert len(before) < 6
+    again = harness(*words)
+    assert again.returncode == 0, again.stderr
+    assert f"{6 - len(before)} run, {len(before)} done before" in again.stdout
+    after = records(tmp_path)
+    assert len(after) == 6
+    assert {key: after[key]["finished"] for key in before} == before
+    assert sorted(t.outcome.key for t in tracked(tmp_path)) == sorted(after)
+
+
+def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "harness", "run", "-m", *ODD, "+method.how=slow", "noise.repeat=0,1,2"]
+    both = [
+        subprocess.Popen(
+            command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    ended = [p.communicate(timeout=120) for p in both]
+    assert [p.returncode for p in both] == [0, 0], ended
+    ran = sum(int(out.split(" run")[0].split(": ")[-1]) for out, _ in ended if "nothing" not in out)
+    assert ran == 3, ended
+    keys = [t.outcome.key for t in tracked(tmp_path)]
+    assert sorted(keys) == sorted(records(tmp_path))
+
+
+def test_sync_rebuilds_a_lost_tracker(harness: Shell, tmp_path: Path) -> None:
+    assert harness("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
+    before = [t.outcome for t in tracked(tmp_path)]
+    for path in (tmp_path / "out").glob("mlflow.db*"):
+        path.unlink()
+    done = harness("sync")
+    assert (done.returncode, "2 runs written" in done.stdout) == (0, True)
+    assert sorted(o.key for o in before) == sorted(t.outcome.key for t in tracked(tmp_path))
+    assert "0 runs written" in harness("sync").stdout
+
+
+def test_failed_trials_run_again_when_asked(harness: Shell, tmp_path: Path) -> None:
+    words = ("run", "dataset=dance_yoga", "method=edsc")
+    first = harness(*words)
+    assert first.returncode == 2
+    assert "dance.mat is not there" in first.stderr
+    again = harness(*words, "rerun=failed")
+    assert "1 trial: 1 run, 1 failed" in again.stdout
+    assert len(tracked(tmp_path)) == 1
+
+
+def test_tracker_out_of_reach_costs_no_result(harness: Shell, tmp_path: Path) -> None:
+    done = harness(
+        "run", *TINY, "tracking=server", "tracking.uri=http://127.0.0.1:9", MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
+    )
+    assert done.returncode == 2
+    assert "harness sync" in done.stderr
+    assert [r["status"] for r in records(tmp_path).values()] == ["ok"]
+    assert "1 run written" in harness("sync").stdout

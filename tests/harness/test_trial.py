@@ -1,0 +1,161 @@
+"""A trial: its key, its record, and what becomes of it when things go wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness import storage
+from harness.experiments import Settings, expand
+from harness.record import Outcome, Trial, UsageError
+from harness.trial import entries, execute, identify, journal
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(
+        output=tmp_path / "out", data=tmp_path / "data", tracking_uri=f"sqlite:///{tmp_path}/out/mlflow.db", sweep="s"
+    )
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    return expand(["dataset.points=8", "dataset.frames=12", "method=edsc"])[0][0]
+
+
+def test_runs_once_and_keeps_everything(trial: Trial, settings: Settings) -> None:
+    outcome, ran = execute(trial, settings)
+    assert ran
+    assert outcome.status == "ok"
+    folder = settings.trials / outcome.key
+    assert json.loads((folder / storage.RESULT).read_text())["key"] == outcome.key
+    with np.load(folder / storage.ARRAYS, allow_pickle=False) as arrays:
+        assert arrays["labels"].shape == (16,)
+        assert arrays["tracks"].shape == (12, 2, 16)
+    assert outcome.metrics["n_wrong"] == round(outcome.metrics["e_ms"] * 16)
+    assert outcome.peak_mb > 10
+    assert outcome.environment["numpy"] == np.__version__
+    again, ran = execute(trial, settings)
+    assert not ran
+    assert again == outcome
+    assert [entry.ran for entry, _ in entries(journal(settings.output, "s"))] == [True, False]
+
+
+def test_same_trial_gives_the_same_numbers(trial: Trial, settings: Settings) -> None:
+    first, _ = execute(trial, settings)
+    second, ran = execute(trial, replace(settings, rerun="all"))
+    assert ran
+    assert first.metrics == second.metrics
+
+
+def test_key_follows_what_matters(trial: Trial, settings: Settings) -> None:
+    key, _ = identify(trial, settings)
+    elsewhere = replace(settings, output=settings.output / "x", threads=2, seconds=1, sweep="t", tracking_uri="u")
+    assert identify(trial, elsewhere)[0] == key
+    changed = [
+        replace(trial, noise={"level": 0.01, "repeat": 0}),
+        replace(trial, noise={"level": 0.0, "repeat": 1}),
+        replace(trial, cameras={"source": "estimated"}),
+        replace(trial, n_bodies=3),
+        replace(trial, dataset={**trial.dataset, "seed": 1}),
+        replace(trial, method={**trial.method, "clusterer": {**trial.method["clusterer"], "power": 3.0}}),
+    ]
+    keys = {identify(t, settings)[0] for t in changed}
+    assert len(keys) == len(changed)
+    assert key not in keys
+
+
+def test_key_follows_the_version_of_the_method(
+    trial: Trial, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key, _ = identify(trial, settings)
+    monkeypatch.setattr("methods.pipelines.ClusterTracks.version", "2")
+    assert identify(trial, settings)[0] != key
+
+
+def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> None:
+    outcome, _ = execute(trial, settings)
+    path = settings.trials / outcome.key / storage.RESULT
+    path.write_text(path.read_text()[:40])
+    again, ran = execute(trial, settings)
+    assert ran
+    assert again.status == "ok"
+
+
+def test_absent_sequence_is_a_row_that_says_how_to_get_it(settings: Settings) -> None:
+    trial = expand(["dataset=dance_yoga", "method=edsc"])[0][0]
+    outcome, _ = execute(trial, settings)
+    assert outcome.status == "failed"
+    assert "dance.mat is not there" in outcome.error
+    assert "harness data get" in outcome.error
+    assert "\n" not in outcome.error
+
+
+def test_stand_in_is_labelled_and_has_another_key(settings: Settings) -> None:
+    trial = expand(["dataset=dance_yoga", "method=edsc"])[0][0]
+    allowed = replace(settings, missing="stand_in")
+    outcome, _ = execute(trial, allowed)
+    assert outcome.status == "ok"
+    assert outcome.stand_in
+    assert (outcome.n_points, outcome.n_frames) == (116, 264)
+    assert identify(trial, allowed)[0] != identify(trial, settings)[0]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["dataset.bodies=[person]", "n_bodies=2"], "has 1 body and n_bodies is 2"),
+        (["dataset.bodies=[person]"], "segmentation needs 2"),
+        (["dataset.bodies=[ghost]"], "ghost"),
+        (["dataset.points=0"], "dataset.points"),
+        (["dataset.placement=far"], "dataset.placement"),
+        (["dataset.placement=[1,2]"], "dataset.placement"),
+        (["method.clusterer.weight=-1"], "weight"),
+        (["method.algorithm=magic"], "magic"),
+    ],
+)
+def test_impossible_trials_are_rows_with_one_clear_line(settings: Settings, overrides: list[str], words: str) -> None:
+    trial = expand(["dataset.points=8", "dataset.frames=12", "method=edsc", *overrides])[0][0]
+    outcome, _ = execute(trial, settings)
+    assert outcome.status == "failed"
+    assert words in outcome.error
+    assert "\n" not in outcome.error
+    assert not (settings.trials / outcome.key / storage.TRACEBACK).exists()
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["noise.level=-1"],
+        ["noise.repeat=0.5"],
+        ["n_bodies=zero"],
+        ["limits.seconds=0"],
+        ["rerun=maybe"],
+        ["nonsense=1"],
+    ],
+)
+def test_impossible_settings_are_refused_before_anything_runs(overrides: list[str]) -> None:
+    with pytest.raises(UsageError):
+        expand(overrides)
+
+
+def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
+    full = expand(["+experiment=table1"])
+    assert len(full) == 32
+    few = expand(["+experiment=table1", "method=ours,edsc", "dataset=face_yoga", "dataset.motion=native"])
+    assert [(t.dataset["name"], t.method["name"]) for t, _ in few] == [("face_yoga", "ours"), ("face_yoga", "edsc")]
+    assert {t.dataset["motion"] for t, _ in few} == {"native"}
+
+
+def test_record_round_trip(trial: Trial, settings: Settings) -> None:
+    outcome, _ = execute(trial, settings)
+    assert Outcome.from_json(outcome.to_json()) == outcome
+    with pytest.raises(ValueError, match="finite"):
+        replace(outcome, metrics={"e_3d": float("nan")})
+    for text in ("[]", "{", '{"key": 1}'):
+        with pytest.raises(ValueError):
+            Outcome.from_json(text)
