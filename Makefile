@@ -1,10 +1,12 @@
-# make tables   the paper's tables 1 and 2, on the real sequences where they are found or can be downloaded
-# make test     the test suite
+# make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
+# make test     lint, types and the test suite
+# make format   what lint and formatting can mend by themselves
+# make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: tables test lint types check validate bench clean help
+.PHONY: help tables test format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -16,18 +18,21 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+tables: $(INSTALLED)
+	-@$(BIN)/harness data get
+	-@$(BIN)/harness run +experiment=table1
+	-@$(BIN)/harness run +experiment=table2
+	@$(BIN)/harness report
+
 test: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest
 
-lint: $(INSTALLED)
+format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(INSTALLED)
-	$(BIN)/pytest tests/benchmarks --ignore= -o addopts= --benchmark-group-by=group
-
 clean:
-	rm -rf .venv outputs build dist *.egg-info
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -74,7 +74,12 @@ class Follower:
                 break
             self._stop.wait(0.2)
         if not self.trouble:
-            self._track([entry.key for entry in self.entries if not entry.ran])
+            self._track([entry.key for entry in self.entries if not entry.ran and not self._held(entry)])
+
+    def _held(self, entry: Entry) -> bool:
+        folder = self.settings.trials / entry.key
+        outcome = read_record(folder)
+        return outcome is not None and self._tracker.holds(outcome, folder)
 
     def _drain(self) -> None:
         path = journal(self.settings.output, self.settings.sweep)
@@ -85,8 +90,9 @@ class Follower:
             self._progress.update(
                 self._task, advance=1, description=f"trials [red]{failed} failed[/red]" if failed else "trials"
             )
-            if entry.ran:
+            if entry.ran or entry.status != OK:
                 self._say(entry)
+            if entry.ran:
                 self._track([entry.key])
 
     def _say(self, entry: Entry) -> None:

@@ -7,11 +7,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from harness.answers import answers
 from harness.record import OK, UsageError
-from harness.storage import write_atomically
+from harness.storage import ARRAYS, write_atomically
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS, console
+from reports.writers import FORMATS, console, glance
 
 
 def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
@@ -71,6 +73,41 @@ def _write(path: Path, text: str) -> None:
     write_atomically(path, lambda handle: handle.write(text.encode()))
 
 
+def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder: Path) -> list[Path]:
+    """One figure a finished trial that gave a structure: image, reconstruction, affinity."""
+    from reports.figures import overview, save
+
+    written = []
+    for run in {run.run_id: run for group in answers_by_table.values() for _, run in group if run}.values():
+        path = trials / run.outcome.key / ARRAYS
+        if "e_3d" not in run.outcome.metrics or not path.is_file():
+            continue
+        with np.load(path, allow_pickle=False) as stored:
+            figure = overview(dict(stored), run.outcome)
+        noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
+        written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
+        save(figure, written[-1])
+    return written
+
+
+def renew(path: Path, built: Sequence[Table]) -> None:
+    """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
+
+    Raises
+    ------
+    UsageError
+        If the document lacks a table's marks.
+    """
+    text = path.read_text(encoding="utf-8")
+    for table in built:
+        start, end = f"<!-- {table.name} -->\n", f"<!-- end {table.name} -->"
+        if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
+            raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
+        head, _, rest = text.partition(start)
+        text = f"{head}{start}{table.summary}\n\n{glance(table)}{end}{rest.partition(end)[2]}"
+    write_atomically(path, lambda handle: handle.write(text.encode()))
+
+
 DEFAULT = ("table1", "table2")
 
 
@@ -92,6 +129,10 @@ def main(argv: Sequence[str]) -> int:
         "words", nargs="*", metavar="TABLE|OVERRIDE", help=f"experiments ({' '.join(DEFAULT)}) and overrides"
     )
     parser.add_argument("--folder", type=Path, help="where to write; OUTPUT/report by default")
+    parser.add_argument("--figures", action="store_true", help="also draw every trial that gave a structure")
+    parser.add_argument(
+        "--into", type=Path, metavar="FILE", help="also renew the tables between <!-- TABLE --> and <!-- end TABLE -->"
+    )
     parser.add_argument("--quiet", action="store_true", help="write the files, print no tables")
     given = parser.parse_args(argv)
     names = [word for word in given.words if "=" not in word] or list(DEFAULT)
@@ -107,6 +148,10 @@ def main(argv: Sequence[str]) -> int:
             console(table)
     folder = given.folder or settings.output / "report"
     write(found, folder)
+    if given.into:
+        renew(given.into, built)
+    if given.figures:
+        draw(found, settings.trials, folder / "figures")
     print(summary(built))
     print(f"Written to {folder}")
     lacking = [trial for group in found.values() for trial, run in group if run is None]

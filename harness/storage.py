@@ -14,6 +14,7 @@ from harness.environment import environment
 from harness.record import Outcome
 
 RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "log.txt"
+TRACKED = "tracked.txt"  # the store that holds the record, and the record's time
 
 
 def write_record(folder: Path, outcome: Outcome) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from filelock import FileLock
 
 from harness.record import OK, Outcome, UsageError
-from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, read_record
+from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -134,7 +134,23 @@ class Tracker:
                     client.log_artifact(run_id, str(folder / name))
             status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
             client.set_terminated(run_id, RunStatus.to_string(status), end)
+            self._note(outcome, folder)
         return run_id
+
+    def holds(self, outcome: Outcome, folder: Path) -> bool:
+        """Whether the trial's folder says that this store has the record; asks no store and loads no MLflow."""
+        if self.uri.startswith("sqlite:///") and not Path(self.uri.removeprefix("sqlite:///")).is_file():
+            return False
+        try:
+            return (folder / TRACKED).read_bytes() == self._mark(outcome)
+        except OSError:
+            return False
+
+    def _note(self, outcome: Outcome, folder: Path) -> None:
+        write_atomically(folder / TRACKED, lambda handle: handle.write(self._mark(outcome)))
+
+    def _mark(self, outcome: Outcome) -> bytes:
+        return f"{outcome.finished} {self.uri}\n".encode()
 
     def outcomes(self) -> list[Tracked]:
         """Every trial in the store, oldest first."""
@@ -163,9 +179,13 @@ class Tracker:
         written = 0
         for folder in folders:
             outcome = read_record(folder)
-            if outcome is not None and (outcome.key, outcome.finished) not in held:
+            if outcome is None:
+                continue
+            if (outcome.key, outcome.finished) not in held:
                 self.log(outcome, folder)
                 written += 1
+            elif not self.holds(outcome, folder):
+                self._note(outcome, folder)
         return written
 
 

@@ -20,12 +20,17 @@ from reports.layouts import Metric
 from reports.model import LEGEND, Cell, Column, Row, Table, Verdict
 from reports.tidy import csv_text, from_json, json_text, records
 
-__all__ = ["FORMATS", "console", "csv_text", "fragment", "from_json", "html", "json_text", "markdown", "records"]
+__all__ = ["FORMATS", "console", "csv_text", "fragment", "from_json", "glance", "html", "json_text", "markdown", "records"]
 
 
 def markdown(table: Table) -> str:
     """GitHub Markdown: the table at a glance, then every cell with its run."""
     return _render(_MARKDOWN, "table.md.j2", table)
+
+
+def glance(table: Table) -> str:
+    """The table at a glance alone, in GitHub Markdown: for a README."""
+    return _render(_MARKDOWN, "glance.md.j2", table)
 
 
 def tex_paper(table: Table) -> str:

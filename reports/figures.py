@@ -1,0 +1,126 @@
+"""Figures of one trial: what came in, what came out, and what was clustered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from harness.record import Outcome
+
+#: Okabe and Ito's colours, told apart by colour-blind readers.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+GREY, WRONG = "#9a9a9a", "#000000"
+
+
+def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | None = None) -> Figure:
+    """Image tracks, the reconstruction over the truth, and the sorted affinity, side by side.
+
+    Parameters
+    ----------
+    arrays : mapping
+        The contents of a trial's ``arrays.npz``: ``tracks`` (F, 2, P), and where the method gave them
+        ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P).
+    outcome : Outcome
+    frame : int, optional
+        The frame drawn; the middle one by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    tracks = arrays["tracks"]
+    frame = len(tracks) // 2 if frame is None else frame
+    truth = arrays.get("true_labels")
+    labels = _matched(arrays["labels"], truth) if "labels" in arrays else None
+    panels = ["tracks", *(name for name in ("structure", "affinity") if name in arrays)]
+    figure = Figure(figsize=(4.4 * len(panels), 4.3), layout="constrained")
+    row = [
+        figure.add_subplot(1, len(panels), k + 1, projection="3d" if name == "structure" else None)
+        for k, name in enumerate(panels)
+    ]
+    for axes, name in zip(row, panels, strict=True):
+        if name == "tracks":
+            _tracks(axes, tracks, frame)
+        elif name == "structure":
+            _structure(axes, arrays, frame, labels, truth)
+        else:
+            _affinity(axes, arrays["affinity"], truth)
+    figure.suptitle(_title(outcome), fontsize=11)
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; the format is the suffix's, and the same figure gives the same bytes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix[1:])
+    figure.savefig(path, dpi=150, metadata=metadata)
+
+
+def _title(outcome: Outcome) -> str:
+    words = [outcome.dataset.replace("_", " + "), outcome.method]
+    if outcome.stand_in:
+        words.append("procedural stand-in")
+    if "e_3d" in outcome.metrics:
+        words.append(f"e_3d {outcome.metrics['e_3d']:.4f}")
+    if "n_wrong" in outcome.metrics:
+        words.append(f"{outcome.metrics['n_wrong']:.0f} of {outcome.n_points} tracks wrong")
+    return ", ".join(words)
+
+
+def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
+    """The image of one frame, with the way each point came over the last frames."""
+    tail = tracks[max(0, frame - 12) : frame + 1].transpose(2, 0, 1)
+    axes.add_collection(LineCollection(list(tail), colors=GREY, linewidths=0.7))
+    axes.scatter(*tracks[frame], s=9, color="black", zorder=2)
+    axes.set(title="tracks in the image", xlabel="x", ylabel="y", aspect="equal")
+    axes.autoscale()
+
+
+def _structure(
+    axes: Any, arrays: Mapping[str, NDArray[Any]], frame: int, labels: NDArray[Any] | None, truth: NDArray[Any] | None
+) -> None:
+    X = arrays["structure"][frame]
+    if "true_structure" in arrays:
+        axes.scatter(*arrays["true_structure"][frame], s=34, facecolors="none", edgecolors=GREY, linewidths=0.7)
+    for label in [] if labels is None else np.unique(labels):
+        mine = labels == label
+        axes.scatter(*X[:, mine], s=10, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
+    if labels is None:
+        axes.scatter(*X, s=10, color=COLOURS[0], depthshade=False)
+    elif truth is not None and (labels != truth).any():
+        axes.scatter(*X[:, labels != truth], s=60, marker="x", color=WRONG, linewidths=1.2, depthshade=False)
+    axes.view_init(elev=14, azim=-20)
+    axes.set(title="structure over the truth (circles)", aspect="equal", xticklabels=[], yticklabels=[], zticklabels=[])
+
+
+def _affinity(axes: Axes, affinity: NDArray[Any], truth: NDArray[Any] | None) -> None:
+    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(len(affinity))
+    A = affinity[np.ix_(order, order)]
+    top = np.quantile(A[A > 0], 0.98) if (A > 0).any() else 1
+    axes.imshow(np.minimum(A, top), cmap="Greys", interpolation="nearest")
+    if truth is not None:
+        for edge in np.flatnonzero(np.diff(truth[order])) + 0.5:
+            axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
+            axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
+    axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")
+
+
+def _matched(labels: NDArray[Any], truth: NDArray[Any] | None) -> NDArray[Any]:
+    """Clusters renamed after the bodies that they match best, so that colours mean bodies."""
+    if truth is None:
+        return labels
+    from scipy.optimize import linear_sum_assignment
+
+    found, bodies = np.unique(labels), np.unique(truth)
+    overlap = np.array([[((labels == a) & (truth == b)).sum() for b in bodies] for a in found])
+    rows, columns = linear_sum_assignment(-overlap)
+    names = {found[r]: bodies[c] for r, c in zip(rows, columns, strict=True)}
+    spare = iter(range(int(bodies.max()) + 1, int(bodies.max()) + 1 + len(found)))
+    return np.array([names.setdefault(label, next(spare)) if label not in names else names[label] for label in labels])

@@ -1,0 +1,91 @@
+"""From runs to tables and to a verdict, on the grid that CI runs: report, compare, bless."""
+
+from __future__ import annotations
+
+import csv
+import json
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from tests.harness.conftest import Shell
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The output folder of ``harness run +experiment=quick``, run once for all."""
+    import os
+    import subprocess
+    import sys
+
+    output = tmp_path_factory.mktemp("quick")
+    done = subprocess.run(
+        [sys.executable, "-m", "harness", "run", "+experiment=quick"],
+        env={**os.environ, "HARNESS_OUTPUT": str(output)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return str(output)
+
+
+def test_measured_agrees_with_the_committed_baseline(harness: Shell, grid: str) -> None:
+    done = harness("compare", HARNESS_OUTPUT=grid)
+    assert done.returncode == 0, done.stdout
+
+
+def test_tampered_baseline_fails_and_names_the_row(harness: Shell, grid: str, tmp_path: Path) -> None:
+    true = json.loads(resources.files("reports.baselines").joinpath("quick.json").read_text())
+    row = next(r for r in true["rows"] if r["method"] == "bmm_ssc3d" and r["level"] == 0)
+    row["metrics"]["e_3d"] *= 0.8
+    path = tmp_path / "tampered.json"
+    path.write_text(json.dumps(true))
+    done = harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid)
+    assert done.returncode == 1, done.stdout
+    (line,) = [line for line in done.stdout.splitlines() if "worse" in line and "e_3d" in line]
+    assert "person_face bmm_ssc3d" in line
+    row["method"] = "gone"
+    path.write_text(json.dumps(true))
+    assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 2
+    path.write_text("{")
+    assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 3
+
+
+def test_nothing_measured_is_missing(harness: Shell) -> None:
+    done = harness("compare")
+    assert done.returncode == 2
+    assert "not run yet" in done.stderr
+
+
+def test_blessing_makes_the_measured_the_baseline(harness: Shell, grid: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.json"
+    assert harness("bless", str(path), "+experiment=quick", "--reason", "", HARNESS_OUTPUT=grid).returncode == 3
+    done = harness("bless", str(path), "+experiment=quick", "--reason", "measured twice", HARNESS_OUTPUT=grid)
+    assert (done.returncode, "10 rows" in done.stdout) == (0, True), done.stderr
+    assert json.loads(path.read_text())["reason"] == "measured twice"
+    assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 0
+
+
+def test_report_writes_every_format_of_one_table(harness: Shell, grid: str, tmp_path: Path) -> None:
+    folder = tmp_path / "report"
+    done = harness("report", "quick", "--folder", str(folder), "--figures", HARNESS_OUTPUT=grid)
+    assert done.returncode == 0, done.stderr
+    assert str(folder) in done.stdout
+    assert {p.suffix for p in folder.glob("quick*")} == {".md", ".html", ".csv", ".json", ".tex"}
+    rows = list(csv.DictReader((folder / "quick.csv").open()))
+    measured = {r["method"]: r for r in rows if r["metric"] == "e_ms"}
+    assert set(measured) == {"ours", "bmm_ssc3d", "ssc2d_bmm", "ssc2d", "edsc"}
+    assert all(len(r["trial_key"]) == 16 for r in rows if r.get("trial_key") and ";" not in r["trial_key"])
+    assert len(list((folder / "figures").glob("*.png"))) == 6
+    before = {p.name: p.read_bytes() for p in folder.glob("quick*")}
+    assert harness("report", "quick", "--folder", str(folder), "--quiet", HARNESS_OUTPUT=grid).returncode == 0
+    assert {p.name: p.read_bytes() for p in folder.glob("quick*")} == before
+
+
+def test_report_of_nothing_says_so_and_still_writes(harness: Shell, tmp_path: Path) -> None:
+    done = harness("report", "table1", "--quiet")
+    assert done.returncode == 2
+    assert "32 trials are not run yet" in done.stderr
+    assert "not run" in (tmp_path / "out/report/table1.md").read_text()
