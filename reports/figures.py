@@ -78,7 +78,7 @@ def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
     """The image of one frame, with the way each point came over the last frames."""
     tail = tracks[max(0, frame - 12) : frame + 1].transpose(2, 0, 1)
     axes.add_collection(LineCollection(list(tail), colors=GREY, linewidths=0.7))
-    axes.scatter(*tracks[frame], s=9, color="black", zorder=2)
+    axes.scatter(tracks[frame, 0], tracks[frame, 1], s=9, color="black", zorder=2)
     axes.set(title="tracks in the image", xlabel="x", ylabel="y", aspect="equal")
     axes.autoscale()
 

@@ -20,7 +20,18 @@ from reports.layouts import Metric
 from reports.model import LEGEND, Cell, Column, Row, Table, Verdict
 from reports.tidy import csv_text, from_json, json_text, records
 
-__all__ = ["FORMATS", "console", "csv_text", "fragment", "from_json", "glance", "html", "json_text", "markdown", "records"]
+__all__ = [
+    "FORMATS",
+    "console",
+    "csv_text",
+    "fragment",
+    "from_json",
+    "glance",
+    "html",
+    "json_text",
+    "markdown",
+    "records",
+]
 
 
 def markdown(table: Table) -> str:
