@@ -32,7 +32,7 @@ class Naughty(Method):
         if self.how == "exit":
             os._exit(3)
         if self.how == "memory":
-            self.hoard = [np.ones(2**24) for _ in range(64)]
+            self.hoard = [np.zeros(2**26) for _ in range(64)]
         if self.how == "diverge":
             nowhere = np.full((len(tracks), 3, tracks.shape[2]), np.nan)
             return Reconstruction(labels=np.zeros(tracks.shape[2], int), structure=nowhere)
@@ -70,10 +70,10 @@ def environment(tmp_path: Path, naughty_package: Path) -> dict[str, str]:
 
 
 @pytest.fixture
-def harness(environment: dict[str, str], tmp_path: Path) -> Shell:
-    """Run the command line in a fresh folder; extra keywords are environment variables."""
+def shell(environment: dict[str, str], tmp_path: Path) -> Shell:
+    """Run the command line in a process of its own; extra keywords are environment variables."""
 
-    def call(*arguments: str, timeout: float = 120, **variables: str) -> subprocess.CompletedProcess[str]:
+    def call(*arguments: str, timeout: float = 240, **variables: str) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
             [sys.executable, "-m", "harness", *arguments],
             env=environment | variables,
@@ -85,6 +85,30 @@ def harness(environment: dict[str, str], tmp_path: Path) -> Shell:
         )
         assert "Traceback" not in done.stderr, done.stderr
         return done
+
+    return call
+
+
+@pytest.fixture
+def harness(
+    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Shell:
+    """Run the command line in this process, which saves its start; otherwise as ``shell``."""
+    from harness.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        with monkeypatch.context() as patch:
+            for name, value in (environment | variables).items():
+                patch.setenv(name, value)
+            capfd.readouterr()
+            try:
+                code = main(arguments)
+            except SystemExit as stop:
+                code = int(stop.code or 0)
+            out, err = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, code, out, err)
 
     return call
 

@@ -26,10 +26,10 @@ def tracked(tmp_path: Path) -> list:
 
 
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
-def test_misbehaving_trials_become_rows_and_the_rest_completes(harness: Shell, tmp_path: Path, launcher: str) -> None:
+def test_misbehaving_trials_become_rows_and_the_rest_completes(shell: Shell, tmp_path: Path, launcher: str) -> None:
     ways = "ok,raise,hang,kill,segfault,exit,memory,diverge,nothing"
-    done = harness(
-        "run", "-m", *ODD, f"+method.how={ways}", "limits.seconds=4", "limits.memory_gb=2", f"hydra/launcher={launcher}"
+    done = shell(
+        "run", "-m", *ODD, f"+method.how={ways}", "limits.seconds=10", "limits.memory_gb=2", f"hydra/launcher={launcher}"
     )
     assert done.returncode == 2, done.stderr
     assert "9 trials: 9 run, 3 crashed, 3 failed, 1 oom, 1 timeout" in done.stdout
@@ -52,25 +52,25 @@ def test_misbehaving_trials_become_rows_and_the_rest_completes(harness: Shell, t
     assert {(t.outcome.key, t.outcome.status) for t in tracked(tmp_path)} == {
         (key, r["status"]) for key, r in records(tmp_path).items()
     }
-    again = harness("run", "-m", *ODD, f"+method.how={ways}", f"hydra/launcher={launcher}")
+    again = shell("run", "-m", *ODD, f"+method.how={ways}", f"hydra/launcher={launcher}")
     assert again.returncode == 2
     assert "nothing to run, 9 done before" in again.stdout
     assert "rerun=failed" in again.stdout
 
 
-def test_second_time_runs_nothing_and_says_so(harness: Shell, tmp_path: Path) -> None:
+def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> None:
     words = ("run", "-m", *TINY, "noise.level=0,0.02", "dataset.seed=0,1")
-    first = harness(*words)
+    first = shell(*words)
     assert (first.returncode, "4 trials: 4 run" in first.stdout) == (0, True), first.stderr
     stamps = {key: r["finished"] for key, r in records(tmp_path).items()}
-    second = harness(*words)
+    second = shell(*words)
     assert (second.returncode, "nothing to run, 4 done before" in second.stdout) == (0, True)
     assert {key: r["finished"] for key, r in records(tmp_path).items()} == stamps
     assert len(tracked(tmp_path)) == 4
 
 
-def test_store_holds_parameters_metrics_curves_and_tags(harness: Shell, tmp_path: Path) -> None:
-    assert harness("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
+def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: Path) -> None:
+    assert shell("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)
     client = Tracker(one.uri, tmp_path / "out").client
     run = client.get_run(one.run_id)
@@ -92,7 +92,7 @@ def test_store_holds_parameters_metrics_curves_and_tags(harness: Shell, tmp_path
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
 @pytest.mark.parametrize("moment", [1, 3])
 def test_killed_sweep_loses_no_finished_trial(
-    harness: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, moment: int
+    shell: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, moment: int
 ) -> None:
     """kill -9 after some trials are finished; the second start keeps them and runs the rest."""
     words = ["run", "-m", *ODD, "+method.how=slow", "noise.repeat=range(6)", f"hydra/launcher={launcher}"]
@@ -110,7 +110,7 @@ def test_killed_sweep_loses_no_finished_trial(
     time.sleep(0.5)  # children notice that their parent is gone
     before = {key: r["finished"] for key, r in records(tmp_path).items()}
     assert len(before) < 6
-    again = harness(*words)
+    again = shell(*words)
     assert again.returncode == 0, again.stderr
     assert f"{6 - len(before)} run, {len(before)} done before" in again.stdout
     after = records(tmp_path)
@@ -135,32 +135,32 @@ def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_pa
     assert sorted(keys) == sorted(records(tmp_path))
 
 
-def test_sync_rebuilds_a_lost_tracker(harness: Shell, tmp_path: Path) -> None:
-    assert harness("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
+def test_sync_rebuilds_a_lost_tracker(shell: Shell, tmp_path: Path) -> None:
+    assert shell("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
     before = [t.outcome for t in tracked(tmp_path)]
     for path in (tmp_path / "out").glob("mlflow.db*"):
         path.unlink()
-    done = harness("sync")
+    done = shell("sync")
     assert (done.returncode, "2 runs written" in done.stdout) == (0, True)
     assert sorted(o.key for o in before) == sorted(t.outcome.key for t in tracked(tmp_path))
-    assert "0 runs written" in harness("sync").stdout
+    assert "0 runs written" in shell("sync").stdout
 
 
-def test_failed_trials_run_again_when_asked(harness: Shell, tmp_path: Path) -> None:
+def test_failed_trials_run_again_when_asked(shell: Shell, tmp_path: Path) -> None:
     words = ("run", "dataset=dance_yoga", "method=edsc")
-    first = harness(*words)
+    first = shell(*words)
     assert first.returncode == 2
     assert "dance.mat is not there" in first.stderr
-    again = harness(*words, "rerun=failed")
+    again = shell(*words, "rerun=failed")
     assert "1 trial: 1 run, 1 failed" in again.stdout
     assert len(tracked(tmp_path)) == 1
 
 
-def test_tracker_out_of_reach_costs_no_result(harness: Shell, tmp_path: Path) -> None:
-    done = harness(
+def test_tracker_out_of_reach_costs_no_result(shell: Shell, tmp_path: Path) -> None:
+    done = shell(
         "run", *TINY, "tracking=server", "tracking.uri=http://127.0.0.1:9", MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
     )
     assert done.returncode == 2
     assert "harness sync" in done.stderr
     assert [r["status"] for r in records(tmp_path).values()] == ["ok"]
-    assert "1 run written" in harness("sync").stdout
+    assert "1 run written" in shell("sync").stdout
