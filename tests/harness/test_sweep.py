@@ -29,7 +29,13 @@ def tracked(tmp_path: Path) -> list:
 def test_misbehaving_trials_become_rows_and_the_rest_completes(shell: Shell, tmp_path: Path, launcher: str) -> None:
     ways = "ok,raise,hang,kill,segfault,exit,memory,diverge,nothing"
     done = shell(
-        "run", "-m", *ODD, f"+method.how={ways}", "limits.seconds=10", "limits.memory_gb=2", f"hydra/launcher={launcher}"
+        "run",
+        "-m",
+        *ODD,
+        f"+method.how={ways}",
+        f"hydra/launcher={launcher}",
+        "limits.seconds=10",
+        "limits.memory_gb=2",
     )
     assert done.returncode == 2, done.stderr
     assert "9 trials: 9 run, 3 crashed, 3 failed, 1 oom, 1 timeout" in done.stdout
