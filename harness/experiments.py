@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_module
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -161,21 +162,13 @@ def grid(overrides: Sequence[str]) -> list[list[str]]:
         If an override does not parse, or names a key or a choice that is not there.
     """
     with configurations():
-        parser = OverridesParser.create()
-        parsed = parser.parse_overrides(list(overrides))
-        fixed = [o.input_line for o in parsed if not o.is_sweep_override()]
-        cfg = compose("config", overrides=fixed, return_hydra_config=True)
-        own = cfg.hydra.sweeper.params or {}
-        given = {o.key_or_group for o in parsed}
-        swept = [f"{key}={value}" for key, value in own.items() if key not in given]
-        everything = parser.parse_overrides(swept + [o.input_line for o in parsed if o.input_line is not None])
-        loader = GlobalHydra.instance().config_loader()
-        for o in everything:
-            if o.is_sweep_override() and "." not in o.key_or_group and loader.get_group_options(o.key_or_group):
-                options = loader.get_group_options(o.key_or_group)
-                unknown = [str(v) for v in o.sweep_iterator() if str(v) not in options]
-                if unknown:
-                    raise UsageError(f"{o.key_or_group} {unknown[0]!r} is none of {', '.join(options)}")
+        given, own = _sweep(overrides)
+        keys = {o.key_or_group for o in given}
+        swept = [f"{key}={value}" for key, value in own.items() if key not in keys]
+        everything = OverridesParser.create().parse_overrides([*swept, *overrides])
+        for override in everything:
+            if override.is_sweep_override():
+                _check_choices(override)
         batches: list[list[list[str]]] = BasicSweeper.split_arguments(everything, None)
         return [job for batch in batches for job in batch]
 
@@ -183,10 +176,24 @@ def grid(overrides: Sequence[str]) -> list[list[str]]:
 def sweep_arguments(overrides: Sequence[str]) -> list[str]:
     """Deletions that let command-line overrides take the place of an experiment's own sweep parameters."""
     with configurations():
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-        fixed = [o.input_line for o in parsed if not o.is_sweep_override()]
-        own = compose("config", overrides=fixed, return_hydra_config=True).hydra.sweeper.params or {}
-        return [f"~hydra.sweeper.params.{o.key_or_group}" for o in parsed if o.key_or_group in own]
+        given, own = _sweep(overrides)
+        return [f"~hydra.sweeper.params.{o.key_or_group}" for o in given if o.key_or_group in own]
+
+
+def _sweep(overrides: Sequence[str]) -> tuple[list[Override], Mapping[str, str]]:
+    """The overrides, parsed, and the sweep parameters that the experiment among them brings."""
+    given = OverridesParser.create().parse_overrides(list(overrides))
+    fixed = [str(o.input_line) for o in given if not o.is_sweep_override()]
+    own = compose("config", overrides=fixed, return_hydra_config=True).hydra.sweeper.params
+    return given, own or {}
+
+
+def _check_choices(override: Override) -> None:
+    """Raise UsageError if a swept group is to take a choice that is not there."""
+    options = GlobalHydra.instance().config_loader().get_group_options(override.key_or_group)
+    unknown = [str(v) for v in override.sweep_iterator() if str(v) not in options] if options else []
+    if unknown:
+        raise UsageError(f"{override.key_or_group} {unknown[0]!r} is none of {', '.join(options)}")
 
 
 def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:

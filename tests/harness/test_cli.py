@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.io import savemat
 
 from tests.harness.conftest import TINY, Shell
 
@@ -31,6 +33,29 @@ def test_errors_are_one_clear_line(harness: Shell, words: list[str], code: int, 
     assert done.returncode == code, (done.stdout, done.stderr)
     assert said in done.stderr
     assert len([line for line in done.stderr.splitlines() if said and said in line]) <= 1
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "is not there"),
+        (b"", "not a readable MATLAB file"),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0f\x00\x00\x00\xff\xff\x00\x00", "cut short"),
+        (np.zeros((9, 41)), "shape (9, 41), wanted (921, 41)"),
+        (np.full((921, 41), np.nan), "NaN or infinite"),
+    ],
+)
+def test_broken_files_are_one_clear_line(harness: Shell, tmp_path: Path, content: object, said: str) -> None:
+    path = tmp_path / "no-data/mocap/yoga.mat"
+    path.parent.mkdir(parents=True)
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content is not None:
+        savemat(path, {"S": content})
+    done = harness("run", "dataset=mocap_scene", "dataset.bodies=[yoga,yoga]", "method=edsc")
+    assert done.returncode == 2
+    (line,) = [line for line in done.stderr.splitlines() if said in line]
+    assert str(path) in line
 
 
 @pytest.mark.parametrize("verb", ["", "plan", "report", "compare", "bless", "list", "data", "sync", "ui", "run"])
