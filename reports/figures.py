@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -60,7 +61,8 @@ def save(figure: Figure, path: Path) -> None:
     """Write a figure; the format is the suffix's, and the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix[1:])
-    figure.savefig(path, dpi=150, metadata=metadata)
+    with matplotlib.rc_context({"svg.hashsalt": "nrsfm"}):  # element names are random without it
+        figure.savefig(path, dpi=150, metadata=metadata)
 
 
 def _title(outcome: Outcome) -> str:

@@ -1,0 +1,88 @@
+"""One iteration of ours against the printed Sylvester equations, and against the BLAS calls that it cannot avoid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from datasets.cameras import orbit
+from methods.multibody import Problem, State
+
+SIZES = (116, 500, 1000)
+FRAMES = 100
+
+
+def middle(P: int) -> tuple[Problem, State]:
+    """A problem of P tracks and a state in the middle of a solve."""
+    rng = np.random.default_rng(0)
+    triple = lambda: rng.standard_normal((FRAMES, 3, P))  # noqa: E731
+    square = lambda: rng.standard_normal((P, P)) / P  # noqa: E731
+    problem = Problem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
+    return problem, State(triple(), triple(), square(), square(), triple(), triple(), square(), np.zeros(P), 1.0)
+
+
+def structure_by_sylvester(problem: Problem, state: State) -> np.ndarray:
+    F, _, P = problem.W.shape
+    b, M = state.b, np.eye(P) - state.C
+    R = scipy.linalg.block_diag(*problem.cameras)
+    flat = {name: getattr(state, name).reshape(3 * F, P) for name in ("shape", "Y1", "Y2")}
+    rhs = R.T @ problem.W.reshape(2 * F, P) / b + flat["shape"] + flat["Y1"] / b - flat["Y2"] / b @ M.T
+    return scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs).reshape(F, 3, P)
+
+
+def code_by_sylvester(problem: Problem, state: State) -> np.ndarray:
+    P, b = state.C.shape[0], state.b
+    S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
+    K = S.T @ S + ones
+    rhs = K + S.T @ Y2 / b + state.E - state.Y3 / b - np.outer(np.ones(P), state.Y4) / b
+    return scipy.linalg.solve_sylvester(K, np.eye(P), rhs)
+
+
+STEPS = {
+    "structure": (lambda p, s: p.structure_step(s), structure_by_sylvester),
+    "code": (lambda p, s: p.code_step(s), code_by_sylvester),
+}
+
+
+@pytest.mark.parametrize("P", SIZES)
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("kind", ["closed form", "sylvester"])
+def test_step(benchmark, step: str, P: int, kind: str) -> None:
+    benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
+    problem, state = middle(P)
+    solve = STEPS[step][kind == "sylvester"]
+    found = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
+    np.testing.assert_allclose(found, STEPS[step][0](problem, state), atol=1e-7)
+
+
+def unavoidable(problem: Problem, state: State) -> None:
+    """The BLAS and LAPACK calls of one iteration, on operands of its sizes, and nothing else.
+
+    Products: S'S (half), S'Y2, Y2 M', M M' (half), S C, the threshold's Gram matrix (half) and recomposition;
+    factorisations: three Cholesky of P, one eigendecomposition of F; solves: 3F and P right-hand sides.
+    """
+    F, _, P = problem.W.shape
+    S, Y2, C = state.S.reshape(-1, P), state.Y2.reshape(-1, P), state.C
+    gram = scipy.linalg.blas.dsyrk(1.0, S, trans=True)
+    S.T @ Y2
+    factor = scipy.linalg.cho_factor(gram + (P + 1) * np.eye(P), check_finite=False)
+    scipy.linalg.cho_solve(factor, C, check_finite=False)
+    Y2 @ C.T
+    B = scipy.linalg.blas.dsyrk(1.0, C)
+    for rows in (2 * F, F):
+        factor = scipy.linalg.cho_factor(B + 2 * np.eye(P), check_finite=False)
+        scipy.linalg.cho_solve(factor, S[:rows].T, check_finite=False)
+    S @ C
+    flat = S.reshape(F, 3 * P)
+    _, U = scipy.linalg.eigh(scipy.linalg.blas.dsyrk(1.0, flat), check_finite=False, driver="evd", lower=False)
+    U @ (U.T @ flat)
+
+
+@pytest.mark.parametrize("P", SIZES)
+@pytest.mark.parametrize("kind", ["iteration", "its BLAS calls"])
+def test_iteration(benchmark, P: int, kind: str) -> None:
+    benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
+    problem, state = middle(P)
+    run = problem.iterate if kind == "iteration" else lambda s: unavoidable(problem, s)
+    benchmark.pedantic(run, (state,), rounds=5, warmup_rounds=1)

@@ -1,0 +1,89 @@
+"""The shape step on pickup against two alternatives that solve the same problem to the same objective.
+
+min  l2 |S#|_* + 1/2 |W - R S|^2,  l2 = 1, W = R S_gt, cameras known
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets.matfile import read_mat
+from methods.bmm import fit_shape
+from methods.proximal import singular_value_threshold
+
+pyproximal = pytest.importorskip("pyproximal", reason="installed by 'make bench' alone")
+L2 = 1.0
+
+pytestmark = pytest.mark.skipif(not os.environ.get("NRSFM_DATA"), reason="NRSFM_DATA is not set")
+
+
+@pytest.fixture(scope="module")
+def pickup() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tracks (F, 2, P), cameras (F, 2, 3) and structure (F, 3, P) of pickup."""
+    arrays = read_mat(Path(os.environ["NRSFM_DATA"]) / "mocap/pickup.mat", ["S", "Rs"])
+    S, R = arrays["S"].reshape(357, 3, 41), arrays["Rs"].reshape(357, 2, 3)
+    return R @ S, R, S
+
+
+def objective(W: np.ndarray, R: np.ndarray, S: np.ndarray) -> float:
+    return float(L2 * np.linalg.norm(S.reshape(len(S), -1), "nuc") + 0.5 * np.sum((W - R @ S) ** 2))
+
+
+def continuation(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Fixed-point continuation as the block matrix method prints it: mu from 4 by 1/4, step 0.2, inner stop 1e-6."""
+    F, _, P = W.shape
+    S, mu, step = np.zeros((F, 3, P)), 4.0, 0.2
+    while True:
+        for _ in range(5000):
+            moved = S - step * (R.transpose(0, 2, 1) @ (R @ S - W))
+            shrunk, _ = singular_value_threshold(moved.reshape(F, 3 * P), step * mu)
+            change = np.linalg.norm(shrunk - S.reshape(F, 3 * P)) / max(1.0, np.linalg.norm(S))
+            S = shrunk.reshape(F, 3, P)
+            if change < 1e-6:
+                break
+        if mu <= L2:
+            return S
+        mu = max(L2, mu / 4)
+
+
+def by_pyproximal(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """pyproximal's ADMM, 200 iterations at tau 0.9, frame by frame in the data term as in its tutorial."""
+    F, _, P = W.shape
+
+    class Data(pyproximal.ProxOperator):
+        def __init__(self) -> None:
+            super().__init__(None, False)
+
+        def __call__(self, x):
+            return 0.5 * np.sum((R @ x.reshape(F, 3, P) - W) ** 2)
+
+        def prox(self, x, tau):
+            X = x.reshape(F, 3, P)
+            frames = [np.linalg.solve(np.eye(3) + tau * R[f].T @ R[f], X[f] + tau * R[f].T @ W[f]) for f in range(F)]
+            return np.stack(frames).ravel()
+
+    nuclear = pyproximal.Nuclear((F, 3 * P), L2)
+    found = pyproximal.optimization.primal.ADMM(Data(), nuclear, x0=np.zeros(3 * F * P), tau=0.9, niter=200)[0]
+    return found.reshape(F, 3, P)
+
+
+SOLVERS = {
+    "ours": lambda W, R: fit_shape(W, R, L2).structure,
+    "continuation": continuation,
+    "pyproximal": by_pyproximal,
+}
+
+
+@pytest.mark.benchmark(group="shape step on pickup, to the same objective")
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_shape_step(benchmark, pickup: tuple[np.ndarray, np.ndarray, np.ndarray], solver: str) -> None:
+    W, R, truth = pickup
+    S = benchmark.pedantic(SOLVERS[solver], (W, R), rounds=3, warmup_rounds=1)
+    benchmark.extra_info["objective"] = objective(W, R, S)
+    benchmark.extra_info["distance to truth"] = float(np.linalg.norm(S - truth) / np.linalg.norm(truth))
+    assert objective(W, R, S) == pytest.approx(325.63, abs=0.05)
+    assert np.linalg.norm(S - truth) / np.linalg.norm(truth) == pytest.approx(0.0526, abs=0.001)

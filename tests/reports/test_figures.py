@@ -1,0 +1,92 @@
+"""The overview figure draws what the arrays hold, and the README's tables are renewed in place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets.scene import Scene
+from harness.record import Outcome, UsageError
+from harness.report import renew
+from reports.figures import COLOURS, _matched, overview, save
+from reports.tables import build
+
+
+@pytest.fixture
+def outcome() -> Outcome:
+    return Outcome(
+        "k" * 16, "s" * 16, "ok", "person_face", "ours", "known", "paper", "registered", 0.0, 0,
+        n_points=30, metrics={"e_3d": 0.05, "n_wrong": 2},
+    )  # fmt: skip
+
+
+@pytest.fixture
+def arrays(small_scene: Scene) -> dict[str, np.ndarray]:
+    labels = 1 - small_scene.labels
+    labels[[0, 20]] = 1 - labels[[0, 20]]
+    return {
+        "tracks": small_scene.tracks,
+        "structure": small_scene.structure,
+        "true_structure": small_scene.structure,
+        "labels": labels,
+        "true_labels": small_scene.labels,
+        "affinity": np.abs(np.subtract.outer(labels, labels)) + 0.1,
+    }
+
+
+def test_wrong_tracks_alone_are_crossed(arrays: dict[str, np.ndarray], outcome: Outcome) -> None:
+    figure = overview(arrays, outcome)
+    assert [axes.get_title() for axes in figure.axes][1:] == [
+        "structure over the truth (circles)",
+        "affinity, tracks sorted by body",
+    ]
+    crosses = figure.axes[1].collections[-1]
+    assert len(crosses.get_offsets()) == 2
+    drawn = {tuple(np.round(c.get_facecolor()[0][:3], 2)) for c in figure.axes[1].collections[1:3]}
+    assert len(drawn) == 2
+    assert "2 of 30 tracks wrong" in figure.get_suptitle()
+
+
+def test_absent_parts_are_not_drawn(arrays: dict[str, np.ndarray], outcome: Outcome) -> None:
+    only = {name: arrays[name] for name in ("tracks", "labels")}
+    assert len(overview(only, outcome).axes) == 1
+    blind = {name: value for name, value in arrays.items() if not name.startswith("true_")}
+    assert len(overview(blind, outcome).axes) == 3
+
+
+def test_clusters_take_the_names_of_their_bodies() -> None:
+    truth = np.repeat([0, 1], 5)
+    assert (_matched(1 - truth, truth) == truth).all()
+    split = np.array([7, 7, 7, 7, 3, 2, 2, 2, 2, 2])
+    named = _matched(split, truth)
+    assert named[[0, 5]].tolist() == [0, 1]
+    assert named[4] not in (0, 1)
+    assert len(set(COLOURS)) == len(COLOURS)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_same_figure_same_bytes(arrays: dict[str, np.ndarray], outcome: Outcome, tmp_path: Path, suffix: str) -> None:
+    paths = [tmp_path / f"{k}.{suffix}" for k in (0, 1)]
+    for path in paths:
+        save(overview(arrays, outcome), path)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert paths[0].stat().st_size > 5000
+
+
+def test_tables_are_renewed_between_their_marks(tmp_path: Path) -> None:
+    table = build("table1", [])
+    path = tmp_path / "README.md"
+    path.write_text("before\n<!-- table1 -->\nold\n<!-- end table1 -->\nafter\n")
+    renew(path, [table])
+    text = path.read_text()
+    assert text.startswith("before\n<!-- table1 -->\n")
+    assert text.endswith("<!-- end table1 -->\nafter\n")
+    assert "old" not in text
+    assert "| Dance+Yoga |" in text
+    renew(path, [table])
+    assert path.read_text() == text
+    path.write_text("no marks")
+    with pytest.raises(UsageError, match="table1"):
+        renew(path, [table])
