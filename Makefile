@@ -1,12 +1,13 @@
 # make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
 # make test     lint, types and the test suite
+# make bench    speed of the solvers beside named alternatives
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test format clean
+.PHONY: help tables test bench format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -29,6 +30,10 @@ test: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest
+
+bench: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]'
+	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -179,19 +179,26 @@ class Problem:
     def code_step(self, state: State) -> Array:
         """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b.
 
-        One Cholesky factorisation of a P x P matrix, O(3F P^2 + P^3).
+        With V = [S; 1'] (r x P), H = [S + Y2/b; 1' - Y4/b] and N = E - Y3/b it reads (V'V + I) C = V'H + N. The smaller
+        of two matrices is factored, V'V + I or V V' + I: with C = N + V'T, (V V' + I) T = H - V N.
+        O(r P min(r, P) + r P^2).
         """
-        P = state.C.shape[0]
-        S = state.S.reshape(-1, P)
-        K = S.T @ S + 1.0
-        rhs = K + S.T @ (state.Y2.reshape(-1, P) / state.b) - state.Y4 / state.b + state.E - state.Y3 / state.b
-        K[np.diag_indices(P)] += 1.0
-        factor = scipy.linalg.cho_factor(K, lower=True, overwrite_a=True, check_finite=False)
-        if self.diagonal == "exact":  # Lagrange multiplier m of diag(C) = 0: C = K^-1 (rhs - diag(m))
-            inverse = scipy.linalg.cho_solve(factor, np.eye(P), check_finite=False)
-            C: Array = inverse @ rhs
-            return C - inverse * (np.diag(C) / np.diag(inverse))
-        C = scipy.linalg.cho_solve(factor, rhs, overwrite_b=True, check_finite=False)
+        P, b = state.C.shape[0], state.b
+        V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
+        H = V + np.concatenate([state.Y2.reshape(-1, P), -state.Y4[None]]) / b
+        N = state.E - state.Y3 / b
+        if len(V) < P:
+            factor = shifted_cholesky(gram(V.T), 1.0)
+            C = N + V.T @ scipy.linalg.cho_solve(factor, H - V @ N, overwrite_b=True, check_finite=False)
+        else:
+            factor = shifted_cholesky(gram(V), 1.0)
+            C = scipy.linalg.cho_solve(factor, V.T @ H + N, overwrite_b=True, check_finite=False)
+        if self.diagonal == "exact":  # Lagrange multipliers m of diag(C) = 0: C = K^-1 (rhs - diag(m)), K = V'V + I
+            if len(V) < P:
+                inverse = np.eye(P) - V.T @ scipy.linalg.cho_solve(factor, V, check_finite=False)
+            else:
+                inverse = scipy.linalg.cho_solve(factor, np.eye(P), check_finite=False)
+            C -= inverse * (np.diag(C) / np.diag(inverse))
         if self.diagonal == "paper":
             np.fill_diagonal(C, 0)
         return C
@@ -215,13 +222,11 @@ class Problem:
         Q = axes(self.cameras)
         rhs = Q @ (state.shape + (state.Y1 - times(state.Y2, M.T)) / b)
         rhs[:, :2] += self.W / b
-        B = M @ M.T
+        B = gram(M.T)
         for rows, shift in ((slice(0, 2), 1 + 1 / b), (slice(2, 3), 1.0)):
-            A = B.copy()
-            A[np.diag_indices(P)] += shift
-            factor = scipy.linalg.cho_factor(A, overwrite_a=True, check_finite=False)
-            flat = rhs[:, rows].reshape(-1, P)
-            rhs[:, rows] = scipy.linalg.cho_solve(factor, flat.T, check_finite=False).T.reshape(F, -1, P)
+            factor = shifted_cholesky(B, shift)
+            flat = rhs[:, rows].reshape(-1, P).T
+            rhs[:, rows] = scipy.linalg.cho_solve(factor, flat, check_finite=False).T.reshape(F, -1, P)
         return Q.transpose(0, 2, 1) @ rhs
 
     def shape_step(self, state: State) -> tuple[Array, float]:
@@ -265,3 +270,17 @@ class Problem:
 def times(X: Array, M: Array) -> Array:
     """X M for (F, 3, P) trajectories and a (P, P) matrix, as one product of 3F rows."""
     return (X.reshape(-1, X.shape[2]) @ M).reshape(X.shape)
+
+
+def gram(A: Array) -> Array:
+    """The lower triangle of A'A for an (m, n) array, the rest zero: half the work of the product."""
+    if A.flags.c_contiguous:  # A.T is in the order that BLAS wants, so nothing is copied
+        return scipy.linalg.blas.dsyrk(1.0, A.T, lower=1)
+    return scipy.linalg.blas.dsyrk(1.0, A, trans=1, lower=1)
+
+
+def shifted_cholesky(A: Array, shift: float) -> tuple[Array, bool]:
+    """Cholesky factor of A + shift I, of which the lower triangle is given; for ``scipy.linalg.cho_solve``."""
+    A = A.copy(order="F")
+    A[np.diag_indices(len(A))] += shift
+    return scipy.linalg.cho_factor(A, lower=True, overwrite_a=True, check_finite=False)
