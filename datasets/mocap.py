@@ -7,16 +7,17 @@ face, walking, shark: Torresani, Hertzmann, Bregler, PAMI 2008 (the shark is sto
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.body import Array, Body, DatasetError, MissingData, no_edges, register
+from datasets.body import Array, Body, DatasetError, MissingData, centre, no_edges, register
+from datasets.cameras import orbit, project
 from datasets.matfile import read_mat
-from datasets.scene import Scene, compose
+from datasets.scene import Scene, compose, view
 from datasets.sources import sha256
 
 
@@ -26,7 +27,9 @@ class Recording:
 
     ``interleaved`` files hold S (3F, P) with rows x, y, z per frame; ``blocks`` hold P3_gt (3F, P) with F rows
     of x, then of y, then of z. ``registered`` says how the body's own rotation is removed: it ``stored``
-    already, by ``procrustes`` analysis, or in a ``cameras`` file that holds the registered shape.
+    already, by ``procrustes`` analysis, or in a ``cameras`` file that holds the registered shape. ``camera`` is what
+    the published reconstructions saw it with: the cameras ``Rs`` of the file, or a fixed one by the two axes of its
+    image.
     """
 
     file: str
@@ -34,6 +37,7 @@ class Recording:
     n_points: int
     layout: str = "interleaved"
     registered: str = "stored"
+    camera: str = "Rs"
 
     @property
     def vertical(self) -> str:
@@ -45,10 +49,10 @@ SEQUENCES: Mapping[str, Recording] = {
     "pickup": Recording("pickup.mat", 357, 41),
     "yoga": Recording("yoga.mat", 307, 41),
     "stretch": Recording("stretch.mat", 370, 41),
-    "dance": Recording("dance.mat", 264, 75, registered="procrustes"),
-    "face": Recording("face.mat", 316, 40, layout="blocks", registered="procrustes"),
-    "walking": Recording("walking.mat", 260, 55, layout="blocks", registered="procrustes"),
-    "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered="cameras"),
+    "dance": Recording("dance.mat", 264, 75, registered="procrustes", camera="yz"),
+    "face": Recording("face.mat", 316, 40, layout="blocks", registered="procrustes", camera="xy"),
+    "walking": Recording("walking.mat", 260, 55, layout="blocks", registered="procrustes", camera="xy"),
+    "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered="cameras", camera="xy"),
 }
 SHARK_CAMERAS = "jaws_cameras.mat"
 MOTIONS = ("registered", "native")
@@ -107,6 +111,26 @@ def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
     return Body(name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, cameras=None, digest=sha256(path))
 
 
+def load_recording(folder: Path, name: str) -> Body:
+    """Read one sequence as it is stored, with the cameras of its own: the stored ``Rs``, or the fixed camera.
+
+    The body keeps its own motion (``native``). Parameters and exceptions as for :func:`load_body`; a file whose
+    tracks W are not R S raises DatasetError.
+    """
+    body = load_body(folder, name, "native")
+    camera = recording(name).camera
+    if camera != "Rs":
+        rows = np.eye(3)[["xyz".index(axis) for axis in camera]]
+        return replace(body, cameras=np.tile(rows, (body.n_frames, 1, 1)))
+    path = folder / files(name, "native")[0]
+    stored = read_mat(path, ["Rs", "W"])
+    R = _expect(path, "Rs", stored["Rs"], (2 * body.n_frames, 3)).reshape(-1, 2, 3)
+    W = _expect(path, "W", stored["W"], (2 * body.n_frames, body.n_points)).reshape(-1, 2, body.n_points)
+    if not np.allclose(centre(project(R, body.structure)), centre(W), atol=1e-9 * np.abs(W).max()):
+        raise DatasetError(f"{path}: the tracks W are not Rs S; fetch the file with 'harness data get'")
+    return replace(body, cameras=R)
+
+
 def _expect(path: Path, field: str, value: Array, shape: tuple[int, ...]) -> Array:
     if value.shape != shape:
         raise DatasetError(f"{path}: field {field} has shape {value.shape}, wanted {shape}; is it the right file?")
@@ -121,6 +145,23 @@ def _bones(path: Path, n_points: int) -> NDArray[np.int64]:
     if pairs.ndim != 2 or pairs.shape[1] != 2 or not ((pairs >= 1) & (pairs <= n_points)).all():
         raise DatasetError(f"{path}: field list is not a list of pairs of the {n_points} points")
     return pairs.astype(np.int64) - 1
+
+
+def load_single(
+    folder: Path, name: str, *, scene: str | None = None, missing: Callable[[str, Recording], Body] | None = None
+) -> Scene:
+    """One sequence alone before its own cameras, as the single-body literature has it.
+
+    ``missing`` makes the body that takes the place of an absent file, as in :func:`load_scene`; a body without
+    cameras is circled at 5 degrees a frame.
+    """
+    try:
+        body = load_recording(folder, name)
+    except MissingData:
+        if missing is None:
+            raise
+        body = missing(name, recording(name))
+    return view(body if body.cameras is not None else replace(body, cameras=orbit(body.n_frames)), scene)
 
 
 def load_scene(

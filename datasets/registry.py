@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (mocap, procedural), ``name``, and the source's own settings; see ``conf/dataset``.
+        ``source`` (mocap, mocap_body, procedural), ``name``, and the source's own settings; see ``conf/dataset``.
     folder : Path
         The data folder.
     stand_in : bool
@@ -48,25 +48,30 @@ def _placement(settings: Settings) -> dict[str, Any]:
     }
 
 
-def _mocap(settings: Settings, folder: Path, stand_in: bool) -> Scene:
-    def generated(name: str, source: mocap.Recording) -> Body:
-        kind = "face" if name in ("face", "shark") else "person"
-        return procedural.stand_in(name, source.n_frames, source.n_points, kind)
+def _generated(name: str, source: mocap.Recording) -> Body:
+    kind = "face" if name in ("face", "shark") else "person"
+    return procedural.stand_in(name, source.n_frames, source.n_points, kind)
 
+
+def _mocap(settings: Settings, folder: Path, stand_in: bool) -> Scene:
     return mocap.load_scene(
         folder,
         settings["bodies"],
         motion=settings["motion"],
-        missing=generated if stand_in else None,
+        missing=_generated if stand_in else None,
         n_frames=settings["frames"],
         **_placement(settings),
     )
 
 
 def _mocap_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return _files_digest(settings["bodies"], settings["motion"], folder, stand_in)
+
+
+def _files_digest(bodies: Iterable[str], motion: str, folder: Path, stand_in: bool) -> str:
     parts = []
-    for name in settings["bodies"]:
-        path = folder / mocap.files(name, settings["motion"])[0]
+    for name in bodies:
+        path = folder / mocap.files(name, motion)[0]
         if path.is_file():
             parts.append(sources.sha256(path))
         elif stand_in:
@@ -74,6 +79,15 @@ def _mocap_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
         else:
             raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
     return " ".join(parts)
+
+
+def _mocap_body(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    missing = _generated if stand_in else None
+    return mocap.load_single(folder, settings["body"], scene=settings["name"], missing=missing)
+
+
+def _mocap_body_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return _files_digest([settings["body"]], "native", folder, stand_in)
 
 
 def _procedural(settings: Settings, folder: Path, stand_in: bool) -> Scene:
@@ -89,6 +103,7 @@ def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
+    "mocap_body": (_mocap_body, _mocap_body_digest),
     "procedural": (_procedural, _procedural_digest),
 }
 

@@ -119,6 +119,42 @@ def offset(placement: str | Sequence[float]) -> Array:
     return step
 
 
+def view(body: Body, name: str | None = None) -> Scene:
+    """A scene of one body before its own cameras, in the source's axes and units; centred per frame.
+
+    Parameters
+    ----------
+    body : Body
+        With cameras.
+    name : str, optional
+        Scene name; the body's by default.
+
+    Returns
+    -------
+    Scene
+        With W = R S exactly.
+
+    Raises
+    ------
+    DatasetError
+        If the body has no cameras, or they are not orthonormal.
+    """
+    if body.cameras is None:
+        raise DatasetError(f"body {body.name} has no cameras of its own; place it in a scene instead")
+    structure = centre(body.structure)
+    return Scene(
+        name=name or body.name,
+        tracks=project(body.cameras, structure),
+        bodies=(body.name,),
+        labels=np.zeros(body.n_points, dtype=np.int64),
+        structure=structure,
+        cameras=body.cameras,
+        edges=body.edges,
+        digest=body.digest,
+        stand_in=body.stand_in,
+    )
+
+
 def compose(
     bodies: Sequence[Body],
     *,

@@ -19,7 +19,7 @@ from harness.record import FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
 from methods.base import MethodError, Reconstruction
 from methods.registry import build_method
-from methods.rotation import estimate_cameras
+from methods.rotation import RANK, estimate_cameras
 
 EXPECTED = (DatasetError, MethodError, UsageError)
 
@@ -64,7 +64,7 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     known = trial.cameras["source"] == "known"
     if known and scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    cameras = scene.cameras if known else estimate_cameras(noisy.tracks)
+    cameras = scene.cameras if known else estimate_cameras(noisy.tracks, trial.cameras.get("rank", RANK))
     assert cameras is not None
     found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges)
     check(found, method.provides, noisy.tracks.shape)

@@ -7,7 +7,7 @@ columns are the methods that it asks for.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from reports import published
@@ -29,6 +29,8 @@ class Metric:
         A second logged metric that stands next to it, or "".
     counts : str
         The logged number of wrong tracks, for a share of tracks; the verdict is then taken in tracks.
+    cameras : str
+        The camera setting that the published number was measured under; "" where the rows of the table share one.
     tolerance : float
         How far from the published number still counts as reproduced: tracks, or a share of that number.
     absent : str
@@ -41,6 +43,7 @@ class Metric:
     logged: str
     beside: str = ""
     counts: str = ""
+    cameras: str = ""
     tolerance: float = 0.1
     absent: str = "not measured"
 
@@ -52,6 +55,21 @@ class Metric:
 
 E_3D = Metric("e_3d", "e_3D", "$e_{3D}$", logged="e_3d_dai", beside="e_3d", absent="method gives no structure")
 E_MS = Metric("e_ms", "e_MS", "$e_{MS}$", logged="e_ms", counts="n_wrong", tolerance=1, absent="method gives no labels")
+E_R = Metric(
+    "e_r", "e_R", "$e_R$", logged="e_r", cameras="estimated", absent="method gives no structure, or no camera is known"
+)
+E_3D_ALIGNED = replace(E_3D, name="e_3d_dai", cameras="estimated")
+E_3D_CAMERA = Metric(
+    "e_3d_dai_cam",
+    "e_3D, camera frame",
+    "$e_{3D}$, camera frame",
+    logged="e_3d_dai_cam",
+    cameras="estimated",
+    absent="method gives no structure",
+)
+E_3D_KNOWN = replace(
+    E_3D, name="e_3d_gt_rotation", label="e_3D, known cameras", tex="$e_{3D}$, known cameras", cameras="known"
+)
 
 LABELS: Mapping[str, str] = MappingProxyType(
     {
@@ -70,6 +88,12 @@ LABELS: Mapping[str, str] = MappingProxyType(
 SHARE = (
     "SSC stands twice. With all coefficients kept (share 1) it is the setting that reproduces the published "
     "failures; with the share of .7 that SSC's own authors use for motion segmentation it is the fairer rival."
+)
+
+FIXED = (
+    "Dance, face, walking and shark were recorded by a fixed camera and turn by themselves. No method can tell the "
+    "body's turning from the camera's, so their published e_3D is taken in the camera frame, and e_R says nothing; "
+    "with the fixed camera given, depth is not determined."
 )
 
 
@@ -162,6 +186,26 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             points="table1",
             joiner=" + ",
             notes=(SHARE,),
+        ),
+        "single_body": Layout(
+            title="Single bodies",
+            caption="The block matrix method on one body at a time: rotation error (e_R) and 3D error (e_3D) with "
+            "cameras from the tracks alone, and 3D error with known cameras.",
+            methods=(Method("bmm", "BMM"),),
+            metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN),
+            source="single_body",
+            points="single_body",
+            notes=(FIXED,),
+        ),
+        "single_body_k13": Layout(
+            title="Single bodies, 13 shapes in the rotation",
+            caption="The block matrix method on one body at a time, cameras from the tracks alone: one K for the "
+            "rotation of all sequences, the published K for the shape.",
+            methods=(Method("bmm", "BMM"),),
+            metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
+            source="single_body",
+            points="single_body",
+            notes=(FIXED,),
         ),
     }
 )

@@ -83,6 +83,8 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
     blank = Cell(published=design.printed(key.dataset, column.method, metric.name), stand_in=key.stand_in)
     if not answers:
         return replace(blank, reason="not asked")
+    if metric.cameras not in ("", key.setting.cameras):
+        return Cell(reason=f"a number for {metric.cameras} cameras", stand_in=key.stand_in)
     groups = repeats(answers)
     group = next(iter(groups.values()))
     runs = [run for _, run in group if run is not None]

@@ -14,7 +14,20 @@ import scipy.io
 
 from datasets.body import Array, Body, DatasetError, MissingData, centre, register, spread
 from datasets.cameras import orbit, project
-from datasets.mocap import MOTIONS, SEQUENCES, SHARK_CAMERAS, files, load_body, load_scene, recording
+from datasets.mocap import (
+    MOTIONS,
+    SEQUENCES,
+    SHARK_CAMERAS,
+    files,
+    load_body,
+    load_recording,
+    load_scene,
+    load_single,
+    recording,
+)
+from datasets.registry import digest
+from datasets.registry import load_scene as load_by_settings
+from datasets.scene import view
 
 AKHTER = ("drink", "pickup", "yoga", "stretch")
 MATLAB_7_3 = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600)
@@ -105,6 +118,70 @@ def test_digest_follows_the_file(tmp_path: Path) -> None:
     first = load_body(tmp_path, "yoga").digest
     write(tmp_path, "yoga", S=interleaved(random_structure("yoga") + 1))
     assert load_body(tmp_path, "yoga").digest != first
+
+
+# A body's own cameras
+
+
+def own(name: str) -> dict[str, Any]:
+    """Fields Rs and W that go with the random points: another camera in every frame."""
+    S = random_structure(name)
+    R = np.linalg.qr(np.random.default_rng(7).standard_normal((len(S), 3, 3)))[0][:, :2]
+    return {"Rs": R.reshape(-1, 3), "W": np.concatenate(list(R @ S))}
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_own_cameras(tmp_path: Path, name: str) -> None:
+    held = own(name) if name in AKHTER else {}
+    write(tmp_path, name, "native", **held)
+    body, S = load_recording(tmp_path, name), random_structure(name)
+    np.testing.assert_array_equal(body.structure, S)
+    assert body.cameras is not None
+    if name in AKHTER:
+        np.testing.assert_array_equal(body.cameras.reshape(-1, 3), held["Rs"])
+    else:
+        seen = S[:, 1:] if name == "dance" else S[:, :2]
+        np.testing.assert_array_equal(project(body.cameras, S), seen)
+    scene = load_single(tmp_path, name)
+    assert scene.n_bodies == 1 and scene.bodies == (name,) and scene.name == name and scene.digest == body.digest
+    assert scene.structure is not None and scene.cameras is not None
+    np.testing.assert_allclose(scene.structure, centre(S), atol=1e-12)
+    np.testing.assert_array_equal(project(scene.cameras, scene.structure), scene.tracks)
+
+
+def test_tracks_that_the_cameras_do_not_give(tmp_path: Path) -> None:
+    held = own("yoga")
+    held["W"][3, 4] += 1e-3
+    path = write(tmp_path, "yoga", "native", **held)
+    with pytest.raises(DatasetError, match="W are not Rs S") as caught:
+        load_recording(tmp_path, "yoga")
+    assert str(path) in str(caught.value)
+    write(tmp_path, "yoga", "native", W=held["W"])
+    with pytest.raises(DatasetError, match="field Rs is missing"):
+        load_single(tmp_path, "yoga")
+    write(tmp_path, "yoga", "native", **(held | {"Rs": held["Rs"][1:]}))
+    with pytest.raises(DatasetError, match="field Rs has shape"):
+        load_single(tmp_path, "yoga")
+
+
+def test_a_body_without_cameras_has_no_view() -> None:
+    with pytest.raises(DatasetError, match="no cameras of its own"):
+        view(Body("dance", random_structure("dance")))
+
+
+def test_single_bodies_by_settings(tmp_path: Path) -> None:
+    settings = {"source": "mocap_body", "name": "turner", "body": "walking", "rank": 8}
+    for refused in (load_by_settings, digest):
+        with pytest.raises(MissingData):
+            refused(settings, tmp_path)
+    made = load_by_settings(settings, tmp_path, stand_in=True)
+    assert made.stand_in and made.bodies == ("walking",) and made.tracks.shape == (260, 2, 55)
+    write(tmp_path, "walking", "native")
+    scene = load_by_settings(settings, tmp_path, stand_in=True)
+    assert not scene.stand_in and scene.name == "turner"
+    assert digest(settings, tmp_path) == scene.digest
+    with pytest.raises(DatasetError, match="names 'jump'"):
+        load_by_settings(settings | {"body": "jump"}, tmp_path)
 
 
 # Files that are not what they should be
@@ -280,6 +357,24 @@ def test_akhter_cameras_turn_five_degrees_a_frame_about_z(data_folder: Path, nam
     own = orbit(len(R) + 80, sense * 5.0)
     first = round(start / 5.0 * sense) % 72
     np.testing.assert_allclose(R, own[first : first + len(R)], atol=1e-8)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_single_body_is_what_its_own_cameras_see(data_folder: Path, name: str) -> None:
+    scene = load_single(data_folder, name)
+    assert scene.structure is not None and scene.cameras is not None
+    np.testing.assert_array_equal(project(scene.cameras, scene.structure), scene.tracks)
+    np.testing.assert_allclose(scene.structure, centre(load_body(data_folder, name, "native").structure), atol=1e-12)
+    assert (scene.n_frames, scene.n_points) == (SEQUENCES[name].n_frames, SEQUENCES[name].n_points)
+    if name in (*AKHTER, "dance"):
+        stored = scipy.io.loadmat(data_folder / f"mocap/{name}.mat")["W"].reshape(scene.tracks.shape)
+        np.testing.assert_allclose(scene.tracks, centre(stored), atol=1e-12)
+    else:
+        stacked = scipy.io.loadmat(data_folder / f"mocap/{files(name, 'native')[0].split('/')[1]}")["P3_gt"]
+        X, Y, _ = np.split(stacked, 3)
+        np.testing.assert_allclose(scene.tracks, centre(np.stack([X, Y], axis=1)), atol=1e-9)
+    assert (np.ptp(scene.cameras, axis=0) == 0).all() == (name not in AKHTER)
 
 
 @pytest.mark.data

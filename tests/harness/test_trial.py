@@ -151,6 +151,23 @@ def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
     assert {t.dataset["motion"] for t, _ in few} == {"native"}
 
 
+def test_single_bodies_take_the_published_rank() -> None:
+    trials = [trial for trial, _ in expand(["+experiment=single_body"])]
+    assert len(trials) == 16
+    ranks = {"drink": 12, "pickup": 12, "yoga": 10, "stretch": 11, "dance": 10, "face": 7, "walking": 8, "shark": 4}
+    assert {t.dataset["name"]: t.method["rank"] for t in trials} == ranks
+    assert {t.dataset["name"]: t.cameras["rank"] for t in trials if t.cameras["source"] == "estimated"} == ranks
+    [(own, _)] = expand(["dataset=mocap_body", "dataset.body=yoga", "cameras=estimated", "cameras.rank=3"])
+    assert (own.cameras["rank"], own.dataset["rank"], own.dataset["name"]) == (3, 10, "yoga")
+    [(scene, _)] = expand(["dataset=dance_yoga", "cameras=estimated"])
+    assert scene.cameras == {"source": "estimated", "rank": 11}
+    wider = [trial for trial, _ in expand(["+experiment=single_body_k13"])]
+    assert {t.cameras["rank"] for t in wider} == {13}
+    assert {t.dataset["name"]: t.method["rank"] for t in wider} == ranks
+    with pytest.raises(UsageError, match="jump"):
+        expand(["dataset=mocap_body", "dataset.body=jump"])
+
+
 def test_record_round_trip(trial: Trial, settings: Settings) -> None:
     outcome, _ = execute(trial, settings)
     assert Outcome.from_json(outcome.to_json()) == outcome

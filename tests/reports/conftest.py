@@ -52,12 +52,12 @@ def make_trial(dataset: str, method: str, *, level: float = 0.0, repeat: int = 0
 
 
 def make_answer(dataset: str, method: str, n_wrong: int | None = 0, **more: Any) -> tuple[Trial, Tracked]:
-    """A finished run; ``e_3d_dai``, ``e_3d``, ``status``, ``error``, ``stand_in``, ``n_points`` change it."""
+    """A finished run; the metrics, ``status``, ``error``, ``stand_in``, ``n_points`` change it."""
     asked = {k: more[k] for k in ("level", "repeat", "parameters", "cameras", "scene", "n_bodies") if k in more}
     trial = make_trial(dataset, method, **asked)
     points = more.get("n_points", POINTS.get(dataset, 80))
     metrics = {} if n_wrong is None else {"n_wrong": float(n_wrong), "e_ms": n_wrong / points}
-    metrics |= {k: more[k] for k in ("e_3d_dai", "e_3d") if k in more}
+    metrics |= {k: more[k] for k in ("e_3d_dai", "e_3d", "e_3d_dai_cam", "e_r") if k in more}
     status = more.get("status", "ok")
     outcome = Outcome(
         key=trial.key("data", "1"),

@@ -116,7 +116,24 @@ class TestLayout:
     def test_every_layout_names_published_datasets_and_methods(self):
         for design in LAYOUTS.values():
             for method in (m.name for m in design.methods if m.heading):
-                assert all(design.printed(d, method, m.name) for d in design.datasets for m in design.metrics)
+                pairs = [(d, m.name) for d in design.datasets for m in design.metrics]
+                printed = {(d, metric) for d, metric in pairs if design.printed(d, method, metric)}
+                assert {d for d, _ in printed} == set(design.datasets)
+                assert {name for _, name in printed} == {m.name for m in design.metrics}
+
+    def test_a_number_for_estimated_cameras_is_not_held_against_known_ones(self, answer):
+        found = {"n_points": 41, "e_r": 0.0981, "e_3d_dai": 0.0337, "e_3d_dai_cam": 0.03, "e_3d": 0.02}
+        answers = [
+            answer("yoga", "bmm", None, cameras="known", **found),
+            answer("yoga", "bmm", None, cameras="estimated", **found),
+        ]
+        known, estimated = (row for row in build("single_body", answers).rows if row.dataset == "yoga")
+        assert [row.setting.cameras for row in (known, estimated)] == ["known", "estimated"]
+        assert [c.verdict for c in known.cells] == [*[Verdict.NONE] * 3, Verdict.REPRODUCED]
+        assert [c.verdict for c in estimated.cells] == [Verdict.WORSE, Verdict.BETTER, Verdict.NONE, Verdict.NONE]
+        assert known.cells[0].measured is None and "estimated cameras" in known.cells[0].reason
+        assert estimated.cells[2].reason == "no published number"
+        assert [c.published for c in build("single_body", []).rows[2].cells] == ["0.0883", "0.1150", None, "0.0334"]
 
 
 class TestVerdict:
