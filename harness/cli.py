@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
@@ -116,22 +115,26 @@ def _data(argv: list[str]) -> int:
 
 
 def _sync(argv: list[str]) -> int:
-    parser = argparse.ArgumentParser("harness sync", description="Bring every trial record into the tracker.")
+    from harness.arguments import Parser
+
+    parser = Parser("harness sync", description="Bring every trial record into the tracker.")
     parser.add_argument("overrides", nargs="*", help="such as output=... or tracking=server tracking.uri=...")
     from harness.tracking import Tracker
 
-    settings = _settings(parser.parse_args(argv).overrides)
+    settings = _settings(parser.read(argv).overrides)
     written = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
     print(f"{written} run{'' if written == 1 else 's'} written to {settings.tracking_uri}")
     return 0
 
 
 def _ui(argv: list[str]) -> int:
-    parser = argparse.ArgumentParser("harness ui", description="Open the MLflow interface on the store.")
+    from harness.arguments import Parser
+
+    parser = Parser("harness ui", description="Open the MLflow interface on the store.")
     parser.add_argument("--port", type=int, default=5000)
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("overrides", nargs="*", help="such as output=...")
-    given = parser.parse_args(argv)
+    given = parser.read(argv)
     from harness.tracking import Tracker
 
     settings = _settings(given.overrides)

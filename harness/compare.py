@@ -63,6 +63,8 @@ def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
         Naming the entry that is no tolerance.
     """
     found = {}
+    if not isinstance(config, Mapping):
+        raise UsageError(f"compare.tolerances is {config!r}, wanted metrics with their tolerances")
     for metric, entry in config.items():
         allowed = ("tracks",) if metric in ("e_ms", "n_wrong") else ("absolute", "relative")
         if not isinstance(entry, Mapping) or not entry or not set(entry) <= set(allowed):

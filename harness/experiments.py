@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from harness.record import Trial, UsageError
 
 MISSING = ("error", "stand_in")
 RERUN = ("none", "failed", "all")
+NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
 
 
 @dataclass(frozen=True)
@@ -75,20 +77,23 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     for key, allowed in (("missing", MISSING), ("rerun", RERUN)):
         if plain[key] not in allowed:
             raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")
-    for key, low in (("limits.seconds", 0), ("limits.memory_gb", 0), ("threads", 1)):
+    for key, low in (("limits.seconds", 0), ("limits.memory_gb", 0), ("threads", 0)):
         value = OmegaConf.select(cfg, key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0 or value < low:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low < value < float("inf"):
             raise UsageError(f"{key} is {value!r}, wanted a positive number")
+    sweep = str(plain["sweep"] or "")
+    if not re.fullmatch(NAME, sweep or "x"):
+        raise UsageError(f"sweep is {sweep!r}, wanted letters, digits and . _ + -")
     return trial_of(plain), Settings(
-        output=Path(plain["output"]).resolve(),
-        data=Path(plain["data"]).resolve(),
+        output=Path(plain["output"] or "outputs").resolve(),
+        data=Path(plain["data"] or "data").resolve(),
         tracking_uri=tracking_uri(plain),
         missing=plain["missing"],
         rerun=plain["rerun"],
         threads=int(plain["threads"]),
         seconds=float(plain["limits"]["seconds"]),
         memory_gb=float(plain["limits"]["memory_gb"]),
-        sweep=str(plain["sweep"] or ""),
+        sweep=sweep,
     )
 
 
@@ -102,26 +107,46 @@ def tracking_uri(plain: Mapping[str, Any]) -> str:
 
 def trial_of(plain: Mapping[str, Any]) -> Trial:
     """The Trial of a resolved configuration; raises UsageError on values that no trial can have."""
-    dataset = dict(plain["dataset"])
+    for group in ("dataset", "method", "cameras", "noise"):
+        if not isinstance(plain.get(group), Mapping):
+            raise UsageError(f"{group} is {plain.get(group)!r}, wanted one of its choices; see 'harness list'")
+    dataset, method = dict(plain["dataset"]), dict(plain["method"])
     if dataset.get("name") is None:
-        dataset["name"] = "_".join(str(b) for b in dataset.get("bodies", ())) or str(dataset["source"])
-    level, repeat = plain["noise"]["level"], plain["noise"]["repeat"]
+        bodies = dataset.get("bodies")
+        if "bodies" in dataset and not (isinstance(bodies, list) and bodies):
+            raise UsageError(f"dataset.bodies is {bodies!r}, wanted a list such as [dance,yoga]")
+        dataset["name"] = "_".join(map(str, bodies)) if bodies else dataset.get("source")
+    for group, value in (("dataset", dataset.get("name")), ("method", method.get("name"))):
+        if not (isinstance(value, str) and re.fullmatch(NAME, value)):
+            raise UsageError(f"{group}.name is {value!r}, wanted letters, digits and . _ + -")
+    _check_placement(dataset.get("placement", "paper"))
+    level, repeat = plain["noise"].get("level"), plain["noise"].get("repeat")
     if isinstance(level, bool) or not isinstance(level, int | float) or not 0 <= level < float("inf"):
         raise UsageError(f"noise.level is {level!r}, wanted a number >= 0 (a share of the largest image coordinate)")
     if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 0:
         raise UsageError(f"noise.repeat is {repeat!r}, wanted 0, 1, 2, ...")
-    if plain["cameras"]["source"] not in ("known", "estimated"):
-        raise UsageError(f"cameras.source is {plain['cameras']['source']!r}, wanted known or estimated")
+    if plain["cameras"].get("source") not in ("known", "estimated"):
+        raise UsageError(f"cameras.source is {plain['cameras'].get('source')!r}, wanted known or estimated")
     n_bodies = plain["n_bodies"]
     if n_bodies is not None and (isinstance(n_bodies, bool) or not isinstance(n_bodies, int) or n_bodies < 1):
         raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, or null for the scene's")
     return Trial(
         dataset=dataset,
-        method=dict(plain["method"]),
+        method=method,
         cameras=dict(plain["cameras"]),
         noise={"level": float(level), "repeat": repeat},
         n_bodies=n_bodies,
     )
+
+
+def _check_placement(value: Any) -> None:
+    numbers = (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < float("inf") for x in value)
+    )
+    if not (isinstance(value, str) or numbers):
+        raise UsageError(f"dataset.placement is {value!r}, wanted paper, intersecting, or three numbers [x,y,z]")
 
 
 def one_line(error: BaseException) -> str:
@@ -150,11 +175,18 @@ def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
         return compose("config", overrides=list(overrides))
 
 
-def grid(overrides: Sequence[str]) -> list[list[str]]:
-    """The jobs of a sweep, each a list of plain overrides.
+def effective(overrides: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+    """The overrides with an experiment's sweep spelt out, and the jobs that they span.
 
     An experiment's sweep parameters are those of its ``hydra.sweeper.params``; a command-line override of the same
     key takes their place.
+
+    Returns
+    -------
+    list of str
+        Overrides for ``harness run`` that mean the same and leave nothing to ``hydra.sweeper.params``.
+    list of list of str
+        The jobs, each a list of plain overrides.
 
     Raises
     ------
@@ -164,20 +196,33 @@ def grid(overrides: Sequence[str]) -> list[list[str]]:
     with configurations():
         given, own = _sweep(overrides)
         keys = {o.key_or_group for o in given}
-        swept = [f"{key}={value}" for key, value in own.items() if key not in keys]
-        everything = OverridesParser.create().parse_overrides([*swept, *overrides])
+        words = [*(f"{key}={value}" for key, value in own.items() if key not in keys), *overrides]
+        everything = OverridesParser.create().parse_overrides(words)
         for override in everything:
             if override.is_sweep_override():
                 _check_choices(override)
         batches: list[list[list[str]]] = BasicSweeper.split_arguments(everything, None)
-        return [job for batch in batches for job in batch]
+        return [*words, *(["hydra.sweeper.params=null"] if own else [])], [job for batch in batches for job in batch]
 
 
-def sweep_arguments(overrides: Sequence[str]) -> list[str]:
-    """Deletions that let command-line overrides take the place of an experiment's own sweep parameters."""
-    with configurations():
-        given, own = _sweep(overrides)
-        return [f"~hydra.sweeper.params.{o.key_or_group}" for o in given if o.key_or_group in own]
+def checked(jobs: Sequence[Sequence[str]]) -> tuple[Trial, Settings]:
+    """Compose jobs until every override has been met once; the first job's trial and settings.
+
+    Raises
+    ------
+    UsageError
+        If a job cannot be composed or holds a value that no trial can have.
+    """
+    met: set[str] = set()
+    first = None
+    for job in jobs:
+        if first is None or not met.issuperset(job):
+            met.update(job)
+            found = read(compose_config(job))
+            first = first or found
+    if first is None:
+        raise UsageError("the sweep spans no trial")
+    return first
 
 
 def _sweep(overrides: Sequence[str]) -> tuple[list[Override], Mapping[str, str]]:
@@ -200,7 +245,7 @@ def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
     """The trials of an experiment or sweep, each once, in the order in which they would run."""
     with configurations():
         seen: dict[str, tuple[Trial, Settings]] = {}
-        for job in grid(overrides):
+        for job in effective(overrides)[1]:
             trial, settings = read(compose("config", overrides=job))
             seen.setdefault(trial.setting, (trial, settings))
         return list(seen.values())

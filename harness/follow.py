@@ -28,15 +28,19 @@ class Follower:
     settings : Settings
     total : int
         Trials of the sweep.
+
+    ``entries`` holds what ended so far by key, ``reached`` counts jobs, of which two may be one trial.
     """
 
     def __init__(self, settings: Settings, total: int) -> None:
         self.settings = settings
         self.total = total
-        self.entries: list[Entry] = []
+        self.entries: dict[str, Entry] = {}
+        self.reached = 0
         self.trouble = ""
         self._tracker = Tracker(settings.tracking_uri, settings.output)
-        self._offset = 0
+        path = journal(settings.output, settings.sweep)
+        self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
         self._console = Console(stderr=True)
@@ -64,7 +68,7 @@ class Follower:
     @property
     def counts(self) -> Counter[str]:
         """How many trials ended with each status, done before or now."""
-        return Counter(entry.status for entry in self.entries)
+        return Counter(entry.status for entry in self.entries.values())
 
     def _loop(self) -> None:
         while True:
@@ -74,7 +78,7 @@ class Follower:
                 break
             self._stop.wait(0.2)
         if not self.trouble:
-            self._track([entry.key for entry in self.entries if not entry.ran and not self._held(entry)])
+            self._track([key for key, entry in self.entries.items() if not entry.ran and not self._held(entry)])
 
     def _held(self, entry: Entry) -> bool:
         folder = self.settings.trials / entry.key
@@ -85,7 +89,10 @@ class Follower:
         path = journal(self.settings.output, self.settings.sweep)
         for entry, offset in entries(path, self._offset):
             self._offset = offset
-            self.entries.append(entry)
+            self.reached += 1
+            if entry.key in self.entries:  # met again after a worker was lost
+                continue
+            self.entries[entry.key] = entry
             failed = sum(n for status, n in self.counts.items() if status != OK)
             self._progress.update(
                 self._task, advance=1, description=f"trials [red]{failed} failed[/red]" if failed else "trials"
@@ -107,7 +114,7 @@ class Follower:
         mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
         self._console.print(
             f"[{len(self.entries)}/{self.total}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
-            f"({outcome.seconds:.1f} s)",
+            + ("" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"),
             markup=False,
             highlight=False,
             soft_wrap=True,
@@ -118,7 +125,10 @@ class Follower:
         if self.trouble or not keys:
             return
         try:
-            self._tracker.sync(self.settings.trials, keys)
+            for key in keys:
+                outcome = read_record(self.settings.trials / key)
+                if outcome is not None:
+                    self._tracker.log(outcome, self.settings.trials / key)
         except UsageError as error:
             self.trouble = str(error)
         except Exception as error:

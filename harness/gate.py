@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from harness.answers import answers
+from harness.arguments import Parser
 from harness.baseline import Baseline, bless
 from harness.compare import compare, tolerances
 from harness.comparison import markdown, show
@@ -28,19 +28,18 @@ def compare_main(argv: Sequence[str]) -> int:
     UsageError
         If the overrides, the tolerances or the baseline cannot be used.
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "harness compare",
         description="Hold measured runs against a blessed baseline or the published numbers.",
         epilog="harness compare +experiment=quick\n"
         "harness compare +experiment=table1 compare.baseline=tables\n"
         "harness compare +experiment=table2 compare.against=published\n"
         "Exit codes: 0 ok, 1 worse, 2 missing or failed, 3 usage.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=quick when none is named")
     parser.add_argument("--all", action="store_true", help="show rows that did not change, too")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write the comparison as markdown")
-    given = parser.parse_args(argv)
+    given = parser.read(argv)
     overrides = _with_experiment(given.overrides)
     settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
     against = str(settings["against"])
@@ -61,16 +60,15 @@ def bless_main(argv: Sequence[str]) -> int:
     UsageError
         If there is nothing to bless, no reason, or the file cannot be used.
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "harness bless",
         description="Record measured runs as a baseline, with the reason why they are right.",
         epilog="harness bless quick --reason 'exact E-step' +experiment=quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("name", help="reports/baselines/NAME.json, or a path that ends in .json")
     parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=NAME when none is named")
     parser.add_argument("--reason", required=True, help="why these numbers are right; kept in the file")
-    given = parser.parse_args(argv)
+    given = parser.read(argv)
     path = locate(given.name)
     baseline = bless(
         measured(_with_experiment(given.overrides, Path(given.name).stem)),

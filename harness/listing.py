@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from importlib import resources
 
 from rich.console import Console
 from rich.table import Table
+
+from harness.arguments import Parser
 
 GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
 
@@ -25,9 +26,9 @@ def choices(group: str) -> list[tuple[str, str]]:
 
 def main(argv: Sequence[str]) -> int:
     """Print one group, or all."""
-    parser = argparse.ArgumentParser("harness list", description="Methods, datasets and experiments, one line each.")
+    parser = Parser("harness list", description="Methods, datasets and experiments, one line each.")
     parser.add_argument("what", nargs="?", choices=list(GROUPS))
-    given = parser.parse_args(argv)
+    given = parser.read(argv)
     console = Console()
     for heading in [given.what] if given.what else list(GROUPS):
         table = Table(box=None, pad_edge=False, show_header=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from harness.arguments import Parser
 from harness.experiments import Settings, expand
 from harness.record import OK, Outcome, Trial
 from harness.storage import read_record
@@ -51,14 +51,13 @@ def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
 
 def main(argv: Sequence[str]) -> int:
     """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "harness plan",
         description="What 'harness run' with the same overrides would do.",
         epilog="harness plan +experiment=table1\nharness plan method=ours,edsc noise.level=0,0.02",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("overrides", nargs="*")
-    planned, settings = plan(parser.parse_args(argv).overrides)
+    planned, settings = plan(parser.read(argv).overrides)
     past = [o for o in map(read_record, sorted(settings.trials.glob("*/"))) if o is not None and o.status == OK]
     table = Table(box=None, pad_edge=False)
     for heading in ("trial", "state", "expected"):
@@ -70,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
             like = [o for o in past if o.method == str(item.trial.method["name"])]
             same = [o for o in like if o.dataset == str(item.trial.dataset["name"])] or like
             if same:
-                cost, size = median(o.seconds for o in same), max(o.peak_mb for o in same)
+                cost, size = median(o.seconds or 0 for o in same), max(o.peak_mb or 0 for o in same)
                 seconds, memory, expected = seconds + cost, max(memory, size), f"{cost:.1f} s, {size:.0f} MB"
             else:
                 unknown, expected = unknown + 1, "no past trial of this method"

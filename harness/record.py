@@ -84,8 +84,8 @@ class Outcome:
     n_points: int | None = None
     n_frames: int | None = None
     metrics: dict[str, float] = field(default_factory=dict)
-    seconds: float = 0.0
-    peak_mb: float = 0.0
+    seconds: float | None = None
+    peak_mb: float | None = None
     error: str = ""
     finished: str = ""
     sweep: str = ""

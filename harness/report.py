@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.answers import answers
+from harness.arguments import Parser
 from harness.record import OK, UsageError
 from harness.storage import ARRAYS, write_atomically
 from reports.tables import Answer, Table, build
@@ -119,11 +119,10 @@ def main(argv: Sequence[str]) -> int:
     UsageError
         If an experiment or override is unknown, or the tracker cannot be reached.
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "harness report",
         description="Rebuild tables from the tracker: md, tex (as in the paper, and for audit), html, csv, json.",
         epilog="harness report\nharness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "words", nargs="*", metavar="TABLE|OVERRIDE", help=f"experiments ({' '.join(DEFAULT)}) and overrides"
@@ -134,7 +133,7 @@ def main(argv: Sequence[str]) -> int:
         "--into", type=Path, metavar="FILE", help="also renew the tables between <!-- TABLE --> and <!-- end TABLE -->"
     )
     parser.add_argument("--quiet", action="store_true", help="write the files, print no tables")
-    given = parser.parse_args(argv)
+    given = parser.read(argv)
     names = [word for word in given.words if "=" not in word] or list(DEFAULT)
     overrides = [word for word in given.words if "=" in word]
     found: dict[str, list[Answer]] = {}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from filelock import FileLock
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 EXPERIMENT = "nrsfm"
 STEPS = 100  # points of each curve that go to the tracker; all of them are in arrays.npz
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")  # a server that is away is said to be within seconds
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
 os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
 
 
@@ -72,28 +75,29 @@ class Tracker:
         import logging
 
         from mlflow import MlflowClient
-        from mlflow.exceptions import MlflowException
 
         for name in ("mlflow", "alembic", "sqlalchemy"):
             logging.getLogger(name).setLevel(logging.ERROR)
         artifacts = None
-        if self.uri.startswith("sqlite:///"):
-            with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as db:
-                db.execute("PRAGMA journal_mode=WAL")
-            artifacts = (self.output / "artifacts").as_uri()
         try:
+            if self.uri.startswith("sqlite:///"):
+                with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as db:
+                    db.execute("PRAGMA journal_mode=WAL")
+                artifacts = (self.output / "artifacts").as_uri()
             client = MlflowClient(self.uri, registry_uri=self.uri)
             experiment = client.get_experiment_by_name(EXPERIMENT)
             self._experiment = (
                 experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
             )
-        except MlflowException as error:
+        except Exception as error:  # MLflow lets the errors of its database, drivers and network through
             reason = " ".join(str(error).split())[:300]
-            raise UsageError(f"tracker {self.uri} cannot be used: {reason}") from None
+            raise UsageError(f"tracker {shown(self.uri)} cannot be used: {type(error).__name__}: {reason}") from None
         self._client = client
 
     def log(self, outcome: Outcome, folder: Path) -> str:
-        """Write one trial, once: a run of the same trial and time is left alone, an older one is replaced.
+        """Write one trial, once: a whole run of the same trial and time is left alone, any other is replaced.
+
+        The tag ``finished`` is written last and makes a run whole, so a run that a kill cut short is written anew.
 
         Parameters
         ----------
@@ -112,15 +116,17 @@ class Tracker:
         with FileLock(self.output / ".tracker.lock"):
             for run in client.search_runs([self._experiment], f"tags.trial_key = '{outcome.key}'"):
                 if run.data.tags.get("finished") == outcome.finished:
+                    self._note(outcome, folder)
                     return str(run.info.run_id)
                 client.delete_run(run.info.run_id)
             end = int(datetime.fromisoformat(outcome.finished).timestamp() * 1000)
-            start = end - int(outcome.seconds * 1000)
+            start = end - int((outcome.seconds or 0) * 1000)
             run = client.create_run(
                 self._experiment, start_time=start, run_name=f"{outcome.dataset} {outcome.method}", tags=_tags(outcome)
             )
             run_id = str(run.info.run_id)
-            metrics = {**outcome.metrics, "seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
+            measured = {"seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
+            metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
             points = [Metric(name, value, end, 0) for name, value in metrics.items()]
             points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
             client.log_batch(
@@ -134,6 +140,7 @@ class Tracker:
                     client.log_artifact(run_id, str(folder / name))
             status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
             client.set_terminated(run_id, RunStatus.to_string(status), end)
+            client.set_tag(run_id, "finished", outcome.finished)
             self._note(outcome, folder)
         return run_id
 
@@ -150,7 +157,10 @@ class Tracker:
         write_atomically(folder / TRACKED, lambda handle: handle.write(self._mark(outcome)))
 
     def _mark(self, outcome: Outcome) -> bytes:
-        return f"{outcome.finished} {self.uri}\n".encode()
+        """Names the record and the store; a file that took the place of a lost SQLite store is another store."""
+        store = Path(self.uri.removeprefix("sqlite:///"))
+        identity = store.stat().st_ino if self.uri.startswith("sqlite:///") else ""
+        return f"{outcome.finished} {self.uri} {identity}\n".encode()
 
     def outcomes(self) -> list[Tracked]:
         """Every trial in the store, oldest first."""
@@ -166,6 +176,8 @@ class Tracker:
                 try:
                     outcome = Outcome.from_json(run.data.tags.get("record", ""))
                 except ValueError:
+                    continue
+                if run.data.tags.get("finished") != outcome.finished:
                     continue
                 found.append(Tracked(outcome, str(run.info.run_id), self.uri))
             token = page.token
@@ -189,6 +201,12 @@ class Tracker:
         return written
 
 
+def shown(uri: str) -> str:
+    """An address without its password."""
+    parts = urlsplit(uri)
+    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl() if "@" in parts.netloc else uri
+
+
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Nested settings as ``method.clusterer.alpha: "800.0"``."""
     flat: dict[str, str] = {}
@@ -205,7 +223,6 @@ def _tags(outcome: Outcome) -> dict[str, str]:
     tags = {name: str(getattr(outcome, name)) for name in names}
     return tags | {
         "trial_key": outcome.key,
-        "finished": outcome.finished,
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
         "error": outcome.error[:500],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,8 +60,8 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
         if before is not None and not _again(before, settings.rerun):
             note(settings, Entry(key, trial.title, before.status, ran=False))
             return before, False
-        for stale in (storage.RESULT, storage.ARRAYS, storage.TRACEBACK, storage.LOG):
-            (folder / stale).unlink(missing_ok=True)
+        (folder / storage.TRACEBACK).unlink(missing_ok=True)
+        start = time.monotonic()
         blank = _blank(trial, key, settings.sweep)
         if reason:
             storage.write_record(folder, replace(blank, error=reason))
@@ -75,9 +76,12 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
                 log=folder / storage.LOG,
             )
             if ended.status != OK:
-                storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail))
+                seconds = round(time.monotonic() - start, 4)
+                storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))
         outcome = storage.read_record(folder)
         assert outcome is not None
+        if outcome.status != OK:
+            (folder / storage.ARRAYS).unlink(missing_ok=True)  # of an earlier run
         note(settings, Entry(key, trial.title, outcome.status, ran=True))
         return outcome, True
 
