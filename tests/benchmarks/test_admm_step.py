@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 
 from datasets.cameras import orbit
-from methods.multibody import Problem, State
+from methods.lagrangian import Problem, State
 
 SIZES = (116, 500, 1000)
 FRAMES = 100

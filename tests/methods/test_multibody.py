@@ -12,7 +12,10 @@ from datasets import procedural
 from datasets.scene import Scene
 from harness.metrics import e_3d, n_wrong
 from methods.base import MethodError, standardise
-from methods.multibody import MultiBody, Problem, State
+from methods.lagrangian import Problem, State
+from methods.multibody import MultiBody
+
+PRINTED = {"period": None, "l2": 0.1, "penalty": 1e-3, "growth": 1.1}
 
 
 @pytest.fixture
@@ -125,7 +128,7 @@ def test_multipliers_follow_the_gaps(problem: Problem, state: State) -> None:
 @pytest.mark.parametrize("diagonal", ["threshold", "exact"])
 def test_separates_and_reconstructs(diagonal: str) -> None:
     scene = procedural.load_scene(["person", "face"], 40, 120, 0, name="apart", placement=[3, 0, 0])
-    found = MultiBody(diagonal=diagonal).reconstruct(scene.tracks, scene.cameras, 2)
+    found = MultiBody(diagonal=diagonal, **PRINTED).reconstruct(scene.tracks, scene.cameras, 2)
     assert n_wrong(found.labels, scene.labels) == 0
     assert e_3d(found.structure, scene.structure) < 0.06
     for name in ("shape", "expression", "code", "affine"):
@@ -135,7 +138,7 @@ def test_separates_and_reconstructs(diagonal: str) -> None:
 def test_the_printed_diagonal_breaks_the_minimisation(small_scene: Scene) -> None:
     """C - diag(C) after the C-step leaves S far from S C where the exact step closes the gap."""
     gap = {
-        diagonal: MultiBody(diagonal=diagonal)
+        diagonal: MultiBody(diagonal=diagonal, **PRINTED)
         .reconstruct(small_scene.tracks, small_scene.cameras, 2)
         .history["expression"][-1]
         for diagonal in ("threshold", "paper")
@@ -143,17 +146,19 @@ def test_the_printed_diagonal_breaks_the_minimisation(small_scene: Scene) -> Non
     assert gap["paper"] > 10 * gap["threshold"]
 
 
-def test_scaling_and_moving_the_image_changes_nothing_but_the_scale(small_scene: Scene) -> None:
-    method = MultiBody(max_iter=40)
+@pytest.mark.parametrize("settings", [{}, PRINTED], ids=["rough", "printed"])
+def test_scaling_and_moving_the_image_changes_nothing_but_the_scale(small_scene: Scene, settings: dict) -> None:
+    method = MultiBody(max_iter=40, **settings)
     plain = method.reconstruct(small_scene.tracks, small_scene.cameras, 2)
     moved = method.reconstruct(1000 * small_scene.tracks + 7, small_scene.cameras, 2)
     np.testing.assert_allclose(moved.structure, 1000 * plain.structure, rtol=1e-6, atol=1e-4)
     assert (moved.labels == plain.labels).all()
 
 
-def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("settings", [{}, PRINTED], ids=["rough", "printed"])
+def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.random.Generator, settings: dict) -> None:
     Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    method = MultiBody(max_iter=40)
+    method = MultiBody(max_iter=40, **settings)
     plain = method.reconstruct(small_scene.tracks, small_scene.cameras, 2)
     turned = method.reconstruct(small_scene.tracks, small_scene.cameras @ Q.T, 2)
     if np.linalg.det(Q) < 0:
@@ -170,6 +175,8 @@ def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.ra
         ({"l2": float("nan")}, "l2"),
         ({"growth": 0.5}, "growth"),
         ({"max_iter": 0}, "max_iter"),
+        ({"expression": 0.0}, "expression"),
+        ({"period": -1.0}, "period"),
     ],
 )
 def test_bad_settings_are_named(small_scene: Scene, settings: dict, word: str) -> None:
