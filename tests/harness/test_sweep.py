@@ -76,7 +76,7 @@ def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> N
 
 
 def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: Path) -> None:
-    assert shell("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
+    assert shell("run", "method=ours_printed", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)
     client = Tracker(one.uri, tmp_path / "out").client
     run = client.get_run(one.run_id)

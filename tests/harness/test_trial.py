@@ -145,7 +145,7 @@ def test_impossible_settings_are_refused_before_anything_runs(overrides: list[st
 
 def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
     full = expand(["+experiment=table1"])
-    assert len(full) == 32
+    assert len(full) == 40
     few = expand(["+experiment=table1", "method=ours,edsc", "dataset=face_yoga", "dataset.motion=native"])
     assert [(t.dataset["name"], t.method["name"]) for t, _ in few] == [("face_yoga", "ours"), ("face_yoga", "edsc")]
     assert {t.dataset["motion"] for t, _ in few} == {"native"}
