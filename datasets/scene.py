@@ -200,6 +200,11 @@ def compose(
     """
     if not bodies:
         raise DatasetError("dataset.bodies is empty, wanted at least one body")
+    for setting, value in (("upright", turn_upright), ("scale", scale)):
+        if not isinstance(value, bool):
+            raise DatasetError(f"dataset.{setting} is {value!r}, wanted true or false")
+    if isinstance(degrees_per_frame, bool) or not isinstance(degrees_per_frame, int | float):
+        raise DatasetError(f"dataset.degrees_per_frame is {degrees_per_frame!r}, wanted a number")
     step = offset(placement)
     shortest = min(b.n_frames for b in bodies)
     if n_frames is not None and not 2 <= n_frames <= shortest:

@@ -116,6 +116,16 @@ def standardise(tracks: Array) -> Standardised:
     return Standardised(W / scale, scale)
 
 
+def check_setting(owner: object, name: str, low: float, *, strict: bool = True, whole: bool = False) -> None:
+    """Raise MethodError unless a hyper-parameter is a finite number above ``low`` (or at least it, if not strict)."""
+    value = getattr(owner, name)
+    kind = int if whole else int | float
+    fits = isinstance(value, kind) and not isinstance(value, bool) and abs(value) < float("inf")
+    if not fits or value < low or (strict and value == low):
+        wanted = f"a {'whole ' if whole else ''}number {'>' if strict else '>='} {low:g}"
+        raise MethodError(f"{type(owner).__name__}: {name} is {value!r}, wanted {wanted}")
+
+
 def check_tracks(tracks: Array) -> None:
     """Raise MethodError unless the tracks are a finite (F, 2, P) array."""
     if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:

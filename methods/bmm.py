@@ -17,6 +17,7 @@ from methods.base import (
     Progress,
     Reconstruction,
     check_cameras,
+    check_setting,
     standardise,
 )
 from methods.proximal import singular_value_threshold
@@ -64,6 +65,11 @@ class BMM(Method):
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`; the number of bodies plays no part."""
+        check_setting(self, "l2", 0, strict=False)
+        check_setting(self, "max_iter", 1, strict=False, whole=True)
+        check_setting(self, "tol", 0)
+        if self.rank is not None:
+            check_setting(self, "rank", 1, strict=False, whole=True)
         data = standardise(tracks)
         check_cameras(cameras, len(tracks))
         fit = fit_shape(data.W, cameras, self.l2, max_iter=self.max_iter, tol=self.tol, progress=progress)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
-from methods.base import Array
+from methods.base import Array, check_setting
 from methods.spectral import spectral_clustering
 
 
@@ -62,8 +62,9 @@ class EDSC(ClusterMixin, BaseEstimator):
     def fit(self, X: ArrayLike, y: Any = None) -> EDSC:
         """Cluster the rows of X, shape (n_samples, n_features)."""
         points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        if not self.weight > 0:
-            raise ValueError(f"weight is {self.weight}, wanted a positive number")
+        check_setting(self, "weight", 0)
+        check_setting(self, "power", 0)
+        check_setting(self, "dimension", 1, strict=False, whole=True)
         self.code_ = dense_code(points.T, self.weight, self.affine)
         rank = min(self.dimension * self.n_clusters + 1, len(points))
         self.affinity_matrix_ = shape_interaction(self.code_, rank, self.power)

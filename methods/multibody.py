@@ -24,6 +24,7 @@ from methods.base import (
     Reconstruction,
     check_bodies,
     check_cameras,
+    check_setting,
     standardise,
 )
 from methods.lagrangian import Problem
@@ -135,12 +136,9 @@ class MultiBody(Method):
     def _check_settings(self) -> None:
         if self.diagonal not in DIAGONALS:
             raise MethodError(f"method.diagonal is {self.diagonal!r}, wanted one of {', '.join(DIAGONALS)}")
-        for name in ("l1", "l2", "expression", "penalty", "max_penalty"):
-            if not getattr(self, name) > 0:
-                raise MethodError(f"method.{name} is {getattr(self, name)}, wanted a positive number")
-        if self.period is not None and not self.period > 0:
-            raise MethodError(f"method.period is {self.period}, wanted a positive number of frames, or null")
-        if not self.growth >= 1:
-            raise MethodError(f"method.growth is {self.growth}, wanted at least 1")
-        if self.max_iter < 1:
-            raise MethodError(f"method.max_iter is {self.max_iter}, wanted at least 1")
+        for name in ("l1", "l2", "expression", "penalty", "max_penalty", "tol"):
+            check_setting(self, name, 0)
+        if self.period is not None:
+            check_setting(self, "period", 0)
+        check_setting(self, "growth", 1, strict=False)
+        check_setting(self, "max_iter", 1, strict=False, whole=True)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
-from methods.base import Array
+from methods.base import Array, MethodError, check_setting
 from methods.proximal import soft
 from methods.spectral import spectral_clustering
 
@@ -79,10 +79,14 @@ class SSC(ClusterMixin, BaseEstimator):
 
 
 def _check_settings(model: SSC) -> None:
-    if not 0 < model.share <= 1:
-        raise ValueError(f"share is {model.share}, wanted a number in (0, 1]")
-    if not model.alpha > 0:
-        raise ValueError(f"alpha is {model.alpha}, wanted a positive number")
+    check_setting(model, "alpha", 0)
+    check_setting(model, "tol", 0)
+    check_setting(model, "max_iter", 1, strict=False, whole=True)
+    check_setting(model, "share", 0)
+    if model.share > 1:
+        raise MethodError(f"SSC: share is {model.share}, wanted a number in (0, 1]")
+    if not isinstance(model.affine, bool):
+        raise MethodError(f"SSC: affine is {model.affine!r}, wanted true or false")
 
 
 def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:

@@ -7,8 +7,9 @@ published ones.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from harness.record import OK, UsageError
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
@@ -107,9 +108,20 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
         wrong=_mean(runs, metric.counts),
         points=points.pop() if len(points) == 1 else None,
     )
+    if other := _other_scene(group[0][0].dataset):
+        missing = other
     if len(values) < len(group):
         missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
     return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
+
+
+def _other_scene(dataset: Mapping[str, Any]) -> str:
+    """Why a scene is not the one whose numbers are published, whatever its name; "" if it may be."""
+    whole = {"frames": None, "scale": True, "upright": False, "degrees_per_frame": 5.0}
+    changed = [
+        f"dataset.{name} = {dataset[name]}" for name, value in whole.items() if dataset.get(name, value) != value
+    ]
+    return f"another scene than the published one: {', '.join(changed)}" if changed else ""
 
 
 def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int | None, missing: str) -> Cell:

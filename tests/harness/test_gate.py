@@ -62,7 +62,7 @@ def test_nothing_measured_is_missing(harness: Shell) -> None:
 def test_blessing_makes_the_measured_the_baseline(harness: Shell, grid: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     assert harness("bless", str(path), "+experiment=quick", "--reason", "", HARNESS_OUTPUT=grid).returncode == 3
-    done = harness("bless", str(path), "+experiment=quick", "--reason", "measured twice", HARNESS_OUTPUT=grid)
+    done = harness("bless", str(path), "--reason", "measured twice", "+experiment=quick", HARNESS_OUTPUT=grid)
     assert (done.returncode, "10 rows" in done.stdout) == (0, True), done.stderr
     assert json.loads(path.read_text())["reason"] == "measured twice"
     assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 0

@@ -141,6 +141,72 @@ def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_pa
     assert sorted(keys) == sorted(records(tmp_path))
 
 
+def test_run_cut_short_in_the_store_is_written_anew(harness: Shell, tmp_path: Path) -> None:
+    """A kill between the store's calls leaves a run without its last tag: it counts as nothing and is replaced."""
+    assert harness("run", *TINY).returncode == 0
+    (one,) = tracked(tmp_path)
+    client = Tracker(one.uri, tmp_path / "out").client
+    client.delete_tag(one.run_id, "finished")
+    assert tracked(tmp_path) == []
+    assert "1 run written" in harness("sync").stdout
+    (again,) = tracked(tmp_path)
+    assert again.run_id != one.run_id
+    assert again.outcome == one.outcome
+
+
+def test_killed_rerun_keeps_the_record(
+    shell: Shell, environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["run", *ODD, "+method.how=slow"]
+    assert shell(*words).returncode == 0
+    before = records(tmp_path)
+    rerun = subprocess.Popen(
+        [sys.executable, "-m", "harness", *words, "rerun=all"], env=environment, cwd=tmp_path, start_new_session=True
+    )
+    log = next((tmp_path / "out/trials").glob("*/log.txt"))
+    first = log.stat().st_mtime_ns
+    deadline = time.monotonic() + 60
+    while log.stat().st_mtime_ns == first and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(rerun.pid, signal.SIGKILL)
+    rerun.wait()
+    assert records(tmp_path) == before
+
+
+def test_sweep_of_a_name_used_before_counts_its_own(harness: Shell) -> None:
+    assert "2 trials: 2 run." in harness("run", *TINY, "sweep=again", "dataset.seed=0,1").stdout
+    second = harness("run", *TINY, "sweep=again", "dataset.seed=1,2")
+    assert (second.returncode, "2 trials: 1 run, 1 done before." in second.stdout) == (0, True), second.stdout
+
+
+def test_workers_end_with_the_sweep(environment: dict[str, str], tmp_path: Path) -> None:
+    """kill -9 of the sweep's process alone: no worker idles on, no trial computes on."""
+    words = [*ODD, "+method.how=hang", "noise.repeat=0,1", "hydra/launcher=joblib"]
+    sweep = subprocess.Popen(
+        [sys.executable, "-m", "harness", "run", "-m", *words], env=environment, cwd=tmp_path,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while len(list((tmp_path / "out/trials").glob("*/log.txt"))) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    sweep.kill()
+    sweep.wait()
+    mark = str(tmp_path / "out").encode()
+    for _ in range(100):
+        alive = []
+        for path in Path("/proc").glob("[0-9]*/environ"):
+            try:
+                if mark in path.read_bytes() and b"Z" not in (path.parent / "stat").read_bytes().split()[2]:
+                    alive.append(path.parent.name)
+            except OSError:
+                continue
+        if not alive:
+            break
+        time.sleep(0.1)
+    assert alive == []
+
+
 def test_sync_rebuilds_a_lost_tracker(shell: Shell, tmp_path: Path) -> None:
     assert shell("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
     before = [t.outcome for t in tracked(tmp_path)]

@@ -113,7 +113,6 @@ def test_stand_in_is_labelled_and_has_another_key(settings: Settings) -> None:
         (["dataset.bodies=[ghost]"], "ghost"),
         (["dataset.points=0"], "dataset.points"),
         (["dataset.placement=far"], "dataset.placement"),
-        (["dataset.placement=[1,2]"], "dataset.placement"),
         (["method.clusterer.weight=-1"], "weight"),
         (["method.algorithm=magic"], "magic"),
     ],
@@ -136,6 +135,10 @@ def test_impossible_trials_are_rows_with_one_clear_line(settings: Settings, over
         ["limits.seconds=0"],
         ["rerun=maybe"],
         ["nonsense=1"],
+        ["dataset.placement=[1,2]"],
+        ["method.name=a/b"],
+        ["sweep=../x"],
+        ["~cameras"],
     ],
 )
 def test_impossible_settings_are_refused_before_anything_runs(overrides: list[str]) -> None:

@@ -29,7 +29,7 @@ WRONG = {
     "ours": (3, 0, 0, 0, 0, 8, 4, 11),
 }
 E_3D_DAI = (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195)
-SCENE = {"placement": "paper", "motion": "registered", "scale": "unit_std"}
+SCENE = {"placement": "paper", "motion": "registered", "scale": True}
 
 
 @dataclass(frozen=True)

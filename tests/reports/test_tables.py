@@ -319,7 +319,7 @@ class TestNotes:
     def test_one_setting_is_named_once(self, table1_answers):
         notes = [note.text for note in build("table1", table1_answers).notes]
         assert "Setting: cameras known, placement paper, motion registered, no noise." in notes
-        assert "Scenes: scale = unit_std." in notes
+        assert "Scenes: scale = True." in notes
         assert "Ours: seed = 0." in notes
         assert not build("table1", table1_answers).loud
 
