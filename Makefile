@@ -1,12 +1,13 @@
 # make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
 # make test     lint, types and the test suite
+# make validate the longer checks: published numbers on whole datasets
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test format clean
+.PHONY: help tables test validate format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -29,6 +30,9 @@ test: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest
+
+validate: $(INSTALLED)
+	$(BIN)/pytest -m slow
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

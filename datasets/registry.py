@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datasets import mocap, procedural, sources
+from datasets import hopkins, mocap, procedural, sources
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 
@@ -19,7 +19,7 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (mocap, procedural), ``name``, and the source's own settings; see ``conf/dataset``.
+        ``source`` (mocap, procedural, hopkins155), ``name``, and the source's own settings; see ``conf/dataset``.
     folder : Path
         The data folder.
     stand_in : bool
@@ -86,10 +86,19 @@ def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return procedural.VERSION
 
 
+def _hopkins(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return hopkins.load_scene(folder, settings["scene"])
+
+
+def _hopkins_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(hopkins.path(folder, settings["scene"]))
+
+
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
     "procedural": (_procedural, _procedural_digest),
+    "hopkins155": (_hopkins, _hopkins_digest),
 }
 
 
