@@ -1,13 +1,14 @@
 # make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
 # make test     lint, types and the test suite
 # make bench    speed of the solvers beside named alternatives
+# make validate the longer checks: published numbers on whole datasets
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test bench format clean
+.PHONY: help tables test validate bench format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -34,6 +35,9 @@ test: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]'
 	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
+
+validate: $(INSTALLED)
+	$(BIN)/pytest -m slow
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

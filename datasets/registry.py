@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datasets import mocap, procedural, sources
+from datasets import hopkins, mocap, procedural, sources
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 
@@ -19,7 +19,8 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (mocap, mocap_body, procedural), ``name``, and the source's own settings; see ``conf/dataset``.
+        ``source`` (mocap, mocap_body, procedural, hopkins155), ``name``, and the source's own settings; see
+        ``conf/dataset``.
     folder : Path
         The data folder.
     stand_in : bool
@@ -100,11 +101,20 @@ def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return procedural.VERSION
 
 
+def _hopkins(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return hopkins.load_scene(folder, settings["scene"])
+
+
+def _hopkins_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(hopkins.path(folder, settings["scene"]))
+
+
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
     "mocap_body": (_mocap_body, _mocap_body_digest),
     "procedural": (_procedural, _procedural_digest),
+    "hopkins155": (_hopkins, _hopkins_digest),
 }
 
 

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import resources
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
@@ -58,6 +59,13 @@ _GITHUB = "https://raw.githubusercontent.com"
 _TRAJECTORY_SPACE = (
     f"{_GITHUB}/summmanpan/NRSfM_Consensus/edefe657241c603bd26d574d1f11fce8838c632b/data_set/without_rot"
 )
+#: The lines ``size sha256`` of ``hopkins155.txt`` by the scene's name.
+HOPKINS: Mapping[str, str] = {
+    name: rest
+    for name, _, rest in (
+        line.partition(" ") for line in resources.files("datasets").joinpath("hopkins155.txt").read_text().splitlines()
+    )
+}
 _CMU = ("none stated; motion from the CMU database, free to use", "Akhter et al., PAMI 2011; mocap.cs.cmu.edu")
 
 CATALOGUE: Mapping[str, File] = {
@@ -100,8 +108,19 @@ CATALOGUE: Mapping[str, File] = {
             jaws_cameras.mat 774285 7d989d938b38ea1011f8580368e7e785081cfdb15e9f1b4cb6ba82329fde9ca6 jawSource.mat shark
             """,
         ),
+        *listed(
+            "hopkins155",
+            f"{_GITHUB}/VictorSanh/Unsupervised_Learning_HMWK/255cf39a8ffc241a72907ada54c80d7787208510"
+            "/HMWK2/data/Hopkins155",
+            "public benchmark; none stated",
+            "Tron and Vidal, CVPR 2007",
+            "\n".join(f"{n}_truth.mat {rest} {n}/{n}_truth.mat {n}" for n, rest in HOPKINS.items()),
+        ),
     ]
 }
+
+#: Groups that are fetched when they are named; the others hold what the paper's tables need.
+ON_REQUEST = frozenset({"hopkins155"})
 
 State = tuple[File, str]
 Progress = Callable[[File, int], None]  # told, now and then, the file and how many of its bytes have come

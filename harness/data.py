@@ -17,8 +17,8 @@ OK, FAILED, USAGE = 0, 2, 3
 EXAMPLES = """\
 examples:
   harness data list               every file of the catalogue: state, size, terms, source
-  harness data get                fetch whatever is absent
-  harness data get mocap          one group
+  harness data get                fetch what the paper's tables need and is absent
+  harness data get hopkins155     the 155 motion segmentation scenes (27 MB)
   harness data get drink shark    the files of two sequences
   harness data verify             check what is there against its SHA-256
   NRSFM_DATA=~/nrsfm harness data where
@@ -45,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where}", required=True)
-    names = "a group (mocap), a file (mocap/drink.mat, drink) or a sequence (shark); all by default"
+    names = "a group (mocap, hopkins155), a file (mocap/drink.mat, drink) or a sequence (shark); {} by default"
     for verb, text in (
         ("list", "every file: state, size, terms, source"),
         (
@@ -54,7 +54,9 @@ def _parser() -> argparse.ArgumentParser:
         ),
         ("verify", "check the SHA-256 of what is there; files that are named must be there"),
     ):
-        verbs.add_parser(verb, help=text, description=text).add_argument("names", nargs="*", metavar="NAME", help=names)
+        parsed = verbs.add_parser(verb, help=text, description=text)
+        default = f"all but {', '.join(sorted(sources.ON_REQUEST))}" if verb == "get" else "all"
+        parsed.add_argument("names", nargs="*", metavar="NAME", help=names.format(default))
     text = "print the data folder, and whether it comes from NRSFM_DATA"
     verbs.add_parser("where", help=text, description=text)
     return parser
@@ -128,7 +130,7 @@ def _list(folder: Path, asked: argparse.Namespace) -> int:
 
 
 def _get(folder: Path, asked: argparse.Namespace) -> int:
-    names = _chosen(asked.names)
+    names = _chosen(asked.names) or [file.path for file in sources.select() if file.group not in sources.ON_REQUEST]
     wanted = [file for file, state in sources.verify(folder, names) if state != sources.PRESENT]
     if not wanted:
         print(f"all {len(sources.select(names))} files are in {folder}")
@@ -147,8 +149,8 @@ def _get(folder: Path, asked: argparse.Namespace) -> int:
         return OK
     n = sum(map(len, failed.values()))
     return _say(
-        f"{n} of {len(results)} files could not be had; where a real sequence is absent the procedural scenes "
-        "stand in, and are labelled so",
+        f"{n} of {len(results)} files could not be had; where a motion-capture sequence is absent the procedural "
+        "scenes stand in, and are labelled so",
         FAILED,
     )
 
@@ -177,16 +179,17 @@ def _verify(folder: Path, asked: argparse.Namespace) -> int:
     for file, state in sources.verify(folder, _chosen(asked.names)):
         by_state[state].append(file.path)
     right, changed, absent = by_state.values()
+    fetch = f"'harness data get {' '.join(dict.fromkeys(path.partition('/')[0] for path in absent))}'"
     for path in right:
         print(f"{path}  ok")
     for path in changed:
         print(f"{path} is not the file of the catalogue; 'harness data get {path}' replaces it", file=sys.stderr)
     if absent and asked.names:
-        return _say(f"not in {folder}: {', '.join(absent)}; 'harness data get' fetches them", FAILED)
+        return _say(f"not in {folder}: {', '.join(absent)}; {fetch} fetches them", FAILED)
     if not right and not changed:
-        return _say(f"none of the files is in {folder}; 'harness data get' fetches them", FAILED)
+        return _say(f"none of the files is in {folder}; {fetch} fetches them", FAILED)
     if absent:
-        print(f"{len(absent)} files are not there; 'harness data get' fetches them")
+        print(f"{len(absent)} files are not there; {fetch} fetches them")
     return FAILED if changed else OK
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -13,7 +14,7 @@ from hydra import compose, initialize_config_module
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, OverrideType
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -245,7 +246,39 @@ def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
     """The trials of an experiment or sweep, each once, in the order in which they would run."""
     with configurations():
         seen: dict[str, tuple[Trial, Settings]] = {}
-        for job in effective(overrides)[1]:
-            trial, settings = read(compose("config", overrides=job))
+        for cfg in compose_jobs(effective(overrides)[1]):
+            trial, settings = read(cfg)
             seen.setdefault(trial.setting, (trial, settings))
         return list(seen.values())
+
+
+def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
+    """:func:`compose_config` of each job.
+
+    Jobs that differ in plain values alone share their files, which are read once: Hydra as well merges the files first
+    and sets the values after. Whatever is more than choices of files and values of existing keys is composed whole.
+    """
+    with configurations():
+        parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
+        bases: dict[tuple[str, ...], DictConfig] = {}
+        for job in jobs:
+            parsed = parser.parse_overrides(list(job))
+            chosen = [o for o in parsed if loader.get_group_options(o.key_or_group) and not isinstance(o.value(), dict)]
+            values = [o for o in parsed if o not in chosen]
+            files = tuple(str(o.input_line) for o in chosen)
+            if files not in bases:
+                bases[files] = compose("config", overrides=list(files))
+            cfg = deepcopy(bases[files])
+            if all(_is_plain(o, cfg) for o in values):
+                for o in values:
+                    OmegaConf.update(cfg, o.key_or_group, o.value())
+                yield cfg
+            else:
+                yield compose("config", overrides=list(job))
+
+
+def _is_plain(override: Override, cfg: DictConfig) -> bool:
+    """Whether an override gives a single value to a key that has one."""
+    held = OmegaConf.select(cfg, override.key_or_group, default=cfg)
+    plain = isinstance(override.value(), str | int | float | bool | None) and not OmegaConf.is_config(held)
+    return plain and override.type is OverrideType.CHANGE and not override.is_sweep_override()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -20,6 +21,7 @@ from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
+    from mlflow.entities import Run
 
 EXPERIMENT = "nrsfm"
 STEPS = 100  # points of each curve that go to the tracker; all of them are in arrays.npz
@@ -162,31 +164,37 @@ class Tracker:
         identity = store.stat().st_ino if self.uri.startswith("sqlite:///") else ""
         return f"{outcome.finished} {self.uri} {identity}\n".encode()
 
-    def outcomes(self) -> list[Tracked]:
-        """Every trial in the store, oldest first."""
+    def outcomes(self, keys: Iterable[str] | None = None) -> list[Tracked]:
+        """Every trial in the store, or those of some keys, oldest first."""
+        wanted = [""] if keys is None else [f"tags.trial_key = '{key}'" for key in keys]
+        found: list[Tracked] = []
+        for run in chain.from_iterable(map(self._runs, wanted)):
+            try:
+                outcome = Outcome.from_json(run.data.tags.get("record", ""))
+            except ValueError:
+                continue
+            if run.data.tags.get("finished") != outcome.finished:  # cut short
+                continue
+            found.append(Tracked(outcome, str(run.info.run_id), self.uri))
+        return sorted(found, key=lambda t: (t.outcome.finished, t.outcome.key))
+
+    def _runs(self, wanted: str) -> Iterator[Run]:
         from mlflow.entities import ViewType
 
-        found: list[Tracked] = []
         token = None
         while True:
             page = self.client.search_runs(
-                [self._experiment], "", ViewType.ACTIVE_ONLY, 1000, ["attributes.start_time ASC"], token
+                [self._experiment], wanted, ViewType.ACTIVE_ONLY, 1000, ["attributes.start_time ASC"], token
             )
-            for run in page:
-                try:
-                    outcome = Outcome.from_json(run.data.tags.get("record", ""))
-                except ValueError:
-                    continue
-                if run.data.tags.get("finished") != outcome.finished:
-                    continue
-                found.append(Tracked(outcome, str(run.info.run_id), self.uri))
+            yield from page
             token = page.token
             if not token:
-                return sorted(found, key=lambda t: (t.outcome.finished, t.outcome.key))
+                return
 
     def sync(self, trials: Path, keys: Iterable[str] | None = None) -> int:
         """Bring trial folders (all, or those named) into the tracker; the number of runs written."""
-        held = {(t.outcome.key, t.outcome.finished) for t in self.outcomes()}
+        keys = None if keys is None else list(keys)
+        held = {(t.outcome.key, t.outcome.finished) for t in self.outcomes(keys)}
         folders = [trials / key for key in keys] if keys is not None else sorted(trials.glob("*/"))
         written = 0
         for folder in folders:

@@ -13,11 +13,12 @@ import numpy as np
 
 from datasets.body import DatasetError
 from datasets.registry import load_scene
+from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
 from harness.record import FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
-from methods.base import MethodError, Reconstruction
+from methods.base import NO_CAMERAS, Array, MethodError, Reconstruction
 from methods.registry import build_method
 from methods.rotation import RANK, estimate_cameras
 
@@ -62,10 +63,7 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     noisy = scene.with_noise(trial.noise["level"], trial.noise["repeat"])
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
-    if known and scene.cameras is None:
-        raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    cameras = scene.cameras if known else estimate_cameras(noisy.tracks, trial.cameras.get("rank", RANK))
-    assert cameras is not None
+    cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
     found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges)
     check(found, method.provides, noisy.tracks.shape)
     outcome = replace(
@@ -89,6 +87,14 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     }
     arrays = {name: _compact(np.asarray(value)) for name, value in parts.items() if value is not None}
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
+
+
+def _cameras(scene: Scene, trial: Trial) -> Array:
+    if trial.cameras["source"] != "known":
+        return estimate_cameras(scene.tracks, trial.cameras.get("rank", RANK))
+    if scene.cameras is None:
+        raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
+    return scene.cameras
 
 
 def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:

@@ -18,6 +18,10 @@ Labels = NDArray[np.int64]
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
 
+#: Takes the place of cameras where a method uses none.
+NO_CAMERAS: Array = np.empty((0, 2, 3))
+
+
 class MethodError(ValueError):
     """Input or settings that a method cannot work with. The message is one line with the remedy."""
 
@@ -52,10 +56,12 @@ class Method(BaseEstimator):
 
     ``get_params`` and ``set_params`` are scikit-learn's. ``provides`` names the parts of the Reconstruction
     that the method computes, of ``labels`` and ``structure``. ``version`` is raised whenever results change, so
-    that finished trials of the version before are not taken for those of this one.
+    that finished trials of the version before are not taken for those of this one. A method whose ``uses_cameras``
+    is false runs on scenes without cameras, and none are estimated for it.
     """
 
     provides: ClassVar[frozenset[str]] = frozenset()
+    uses_cameras: ClassVar[bool] = True
     version: ClassVar[str] = "1"
 
     @abstractmethod
@@ -75,7 +81,8 @@ class Method(BaseEstimator):
         tracks : (F, 2, P) array
             Image coordinates, all finite.
         cameras : (F, 2, 3) array
-            Orthographic cameras with orthonormal rows, known or estimated.
+            Orthographic cameras with orthonormal rows, known or estimated; :data:`NO_CAMERAS` for a method
+            that uses none.
         n_bodies : int
             Number of clusters, at least 1.
         edges : (E, 2) int array, optional

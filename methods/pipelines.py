@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.fft
+import scipy.linalg
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
@@ -19,6 +20,7 @@ from methods.base import (
     Reconstruction,
     check_bodies,
     check_cameras,
+    check_tracks,
     standardise,
 )
 
@@ -30,12 +32,20 @@ class ClusterTracks(Method):
     ----------
     clusterer : estimator
         With ``n_clusters``, ``fit``, ``labels_`` and ``affinity_matrix_``.
+    standardise : bool
+        Centre the tracks and scale them to unit spread first. Off takes them as they are, as the authors of SSC and
+        EDSC do: the weights of both depend on where the origin is, and that of EDSC on the unit too.
+    projection : int, optional
+        Project each track onto the first ``projection * n_bodies`` principal directions; None keeps all.
     """
 
     provides = frozenset({"labels"})
+    uses_cameras = False
 
-    def __init__(self, clusterer: BaseEstimator) -> None:
+    def __init__(self, clusterer: BaseEstimator, *, standardise: bool = True, projection: int | None = None) -> None:
         self.clusterer = clusterer
+        self.standardise = standardise
+        self.projection = projection
 
     def reconstruct(
         self,
@@ -47,7 +57,12 @@ class ClusterTracks(Method):
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`; the cameras play no part."""
-        labels, affinity = cluster(self.clusterer, standardise(tracks).W, n_bodies)
+        check_tracks(tracks)
+        check_bodies(n_bodies, tracks.shape[2])
+        W = standardise(tracks).W if self.standardise else tracks
+        if self.projection is not None:
+            W = principal(W, self.projection * n_bodies)
+        labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
 
 
@@ -131,7 +146,7 @@ class ClusterThenReconstruct(Method):
 
 def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tuple[Labels, Array]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features."""
-    n_points = trajectories.shape[2]
+    n_points = trajectories.shape[-1]
     check_bodies(n_bodies, n_points)
     samples = trajectories.reshape(-1, n_points).T
     try:
@@ -139,6 +154,30 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tup
     except ValueError as error:
         raise MethodError(f"{type(clusterer).__name__}: {error}") from error
     return fitted.labels_, fitted.affinity_matrix_
+
+
+def principal(trajectories: Array, dimension: int) -> Array:
+    """Coordinates of (F, k, P) trajectories along their first principal directions, not centred.
+
+    Returns
+    -------
+    (dimension, P) array
+        Fewer rows where the trajectories have fewer dimensions.
+
+    Raises
+    ------
+    MethodError
+        If the dimension is not positive.
+
+    References
+    ----------
+    Elhamifar, Vidal, "Sparse subspace clustering", PAMI 2013, motion segmentation: the projection to 4n dimensions.
+    """
+    if not isinstance(dimension, int) or dimension < 1:
+        raise MethodError(f"projection to {dimension} dimensions, wanted a whole number of at least 1")
+    X = trajectories.reshape(-1, trajectories.shape[-1])
+    _, s, Vt = scipy.linalg.svd(X, full_matrices=False, check_finite=False)
+    return s[:dimension, None] * Vt[:dimension]
 
 
 def lift(centroid: Array, cameras: Array, order: int) -> Array:

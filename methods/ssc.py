@@ -11,7 +11,6 @@ from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
 from methods.base import Array, MethodError, check_setting
-from methods.proximal import soft
 from methods.spectral import spectral_clustering
 
 
@@ -90,7 +89,11 @@ def _check_settings(model: SSC) -> None:
 
 
 def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:
-    """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine; ADMM.
+    """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine; ADMM with penalty alpha.
+
+    With a = alpha / m (m as in :class:`SSC`) the penalty cancels from the Z-step. Stacked as V = [X / sqrt(m); 1'] it
+    is Z = N + V'(I + V V')^-1 (B - V N), N = C - U, where B is V with the multiplier of 1'Z = 1' taken off its last
+    row: two products with a matrix of D + 1 rows in place of one with an (N, N) inverse.
 
     Parameters
     ----------
@@ -108,27 +111,28 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
     smallest = off.max(axis=0).min()
     if smallest == 0:  # some point is orthogonal to all others: nothing expresses it
         smallest = max(off.max(), np.finfo(float).tiny)
-    a = alpha / smallest
-    H = a * G + alpha * np.eye(n) + (alpha if affine else 0.0)
-    inverse = scipy.linalg.inv(H, check_finite=False)
+    V = X / np.sqrt(smallest)
+    if len(V) > n:  # V'V is all that counts
+        V = scipy.linalg.qr(V, mode="r", check_finite=False)[0][:n]
+    if affine:
+        V = np.vstack([V, np.ones(n)])
+    A = scipy.linalg.solve(np.eye(len(V)) + V @ V.T, V, assume_a="pos", check_finite=False).T
+    B = V.copy()
     C = np.zeros((n, n))
     U = np.zeros((n, n))  # scaled multiplier of Z = C
-    u = np.zeros(n)  # scaled multiplier of 1'Z = 1'
     iteration = 0
     while iteration < max_iter:
         iteration += 1
-        rhs = a * G + alpha * (C - U)
-        if affine:
-            rhs += alpha * (1 - u)
-        Z = inverse @ rhs
-        C = soft(Z + U, 1 / alpha)
-        np.fill_diagonal(C, 0)
-        gap = Z - C
-        U += gap
-        worst = np.abs(gap).max()
+        N = C - U
+        Z = N + A @ (B - V @ N)
+        Y = Z + U
+        before, U = U, np.clip(Y, -1 / alpha, 1 / alpha)  # U + Z - C, with C the soft threshold of Y ...
+        np.fill_diagonal(U, np.diag(Y))  # ... and zero on the diagonal
+        C = Y - U
+        worst = np.abs(U - before).max()
         if affine:
             slack = Z.sum(axis=0) - 1
-            u += slack
+            B[-1] -= slack
             worst = max(worst, np.abs(slack).max())
         if worst < tol:
             break

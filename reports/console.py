@@ -53,7 +53,7 @@ def _grid(table: Table) -> Grid:
     for metric in table.metrics:
         if table.printed:
             grid.add_column("paper", justify="right", style="dim", no_wrap=True)
-        grid.add_column(metric.logged, justify="right", no_wrap=True)
+        grid.add_column(metric.shown, justify="right", no_wrap=True)
         if table.printed:
             grid.add_column("", no_wrap=True)
         if metric.beside:
@@ -85,8 +85,8 @@ def _line(cells: list[tuple[Column, Cell]], printed: bool) -> list[Text]:
 def _measured(cell: Cell) -> Text:
     if cell.measured is None:
         return Text(_short(cell.reason), "yellow")
-    spread = f"±{number(cell.std)}×{cell.count}" if cell.std is not None else ""
-    return Text(number(cell.measured) + spread, "bold" if cell.best else "")
+    spread = f"±{number(cell.std, cell.digits)}×{cell.count}" if cell.std is not None else ""
+    return Text(number(cell.measured, cell.digits) + spread, "bold" if cell.best else "")
 
 
 def _short(reason: str) -> str:

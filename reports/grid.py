@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
@@ -51,7 +51,9 @@ class Grid:
         return tuple(dict.fromkeys(key.setting for key in self.rows))
 
 
-def grid(answers: Sequence[Answer], printed: Sequence[str]) -> Grid:
+def grid(
+    answers: Sequence[Answer], printed: Sequence[str], rows: Callable[[str], Sequence[str]] = lambda dataset: (dataset,)
+) -> Grid:
     """Sort answers into the rows of a table.
 
     Parameters
@@ -60,6 +62,8 @@ def grid(answers: Sequence[Answer], printed: Sequence[str]) -> Grid:
         What was asked, and the run that answers it.
     printed : sequence of str
         The paper's rows; all of them appear, asked for or not, before any other.
+    rows : callable
+        The rows that a dataset counts in; its own by default.
 
     Returns
     -------
@@ -70,8 +74,9 @@ def grid(answers: Sequence[Answer], printed: Sequence[str]) -> Grid:
     for answer in answers:
         dataset, setting = place = _place(answer)
         stand_in = _stand_in(answer[1], only=place in generated and place not in real)
-        cells = found.setdefault(RowKey(dataset, setting, stand_in), {})
-        cells.setdefault(one_line(answer[0].method["name"]), []).append(answer)
+        for row in rows(dataset):
+            cells = found.setdefault(RowKey(row, setting, stand_in), {})
+            cells.setdefault(one_line(answer[0].method["name"]), []).append(answer)
     settings = list(dict.fromkeys(key.setting for key in found))
     blank = settings[0] if len(settings) == 1 else Setting()
     asked = {key.dataset for key in found}
@@ -82,15 +87,18 @@ def grid(answers: Sequence[Answer], printed: Sequence[str]) -> Grid:
     return Grid({key: found[key] for key in order})
 
 
-def repeats(answers: Sequence[Answer]) -> dict[str, list[Answer]]:
-    """Answers of one cell by what was asked, the noise's repeat aside: only those of one group may be averaged."""
-    groups: dict[str, list[Answer]] = {}
+def repeats(answers: Sequence[Answer], pooled: bool = False) -> list[list[Answer]]:
+    """Answers of one cell by what was asked, the noise's repeat aside: only those of one group may be averaged.
+
+    In a pooled row the dataset does not set them apart either.
+    """
+    groups: dict[str, dict[str, Answer]] = {}
     for trial, run in sorted(answers, key=lambda answer: answer[1] is None):
         asked = asdict(trial) | {"noise": {k: v for k, v in trial.noise.items() if k != "repeat"}}
-        group = groups.setdefault(digest(asked), [])
-        if all(trial.setting != other.setting for other, _ in group):
-            group.append((trial, run))
-    return groups
+        if pooled:
+            del asked["dataset"]
+        groups.setdefault(digest(asked), {}).setdefault(trial.setting, (trial, run))
+    return [list(group.values()) for group in groups.values()]
 
 
 def _kinds(answers: Sequence[Answer]) -> tuple[set[Any], set[Any]]:

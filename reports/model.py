@@ -9,7 +9,7 @@ from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
 from reports.layouts import Metric
-from reports.text import one_line
+from reports.text import DIGITS, one_line
 
 
 class Verdict(StrEnum):
@@ -113,7 +113,9 @@ class Cell:
     stand_in : bool
         Measured on generated data.
     runs : tuple of Run
-        The runs that answer.
+        The runs that answer; in rows that pool datasets they stand with the table's parts.
+    digits : int
+        Decimals that are printed.
     """
 
     published: str | None = None
@@ -130,6 +132,7 @@ class Cell:
     best_printed: bool = False
     stand_in: bool = False
     runs: tuple[Run, ...] = ()
+    digits: int = DIGITS
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,8 @@ class Table:
         Column means, one row for each kind of data and setting.
     notes : tuple of Note
         Loud ones first.
+    parts : Table or None
+        Where rows pool datasets: the same answers with a row for each dataset.
     """
 
     name: str
@@ -187,6 +192,12 @@ class Table:
     rows: tuple[Row, ...]
     means: tuple[Row, ...]
     notes: tuple[Note, ...]
+    parts: Table | None = None
+
+    @property
+    def layers(self) -> tuple[Table, ...]:
+        """The table and, where its rows pool datasets, its parts."""
+        return (self, self.parts) if self.parts else (self,)
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

@@ -11,7 +11,7 @@ from reports.layouts import E_3D, Layout, Metric
 from reports.model import Column, Note, Row
 from reports.text import one_line
 
-NOT_SETTINGS = ("name", "bodies", "file", "placement", "motion", "repeat", "level", "source")
+NOT_SETTINGS = ("name", "bodies", "scene", "file", "placement", "motion", "repeat", "level", "source")
 """Keys of a configuration that stand elsewhere in the table, or only say where data lies."""
 
 STAND_IN = (
@@ -24,7 +24,7 @@ def remarks(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], 
     """All notes of a table, loud ones first."""
     notes = [*_warnings(design, columns, rows, answers), *_settings(answers), *_methods(columns, answers)]
     notes += [Note(text) for metric in design.metrics for text in _meaning(metric, bool(design.source))]
-    notes.append(Note("Bold: the lowest of its row at four decimals, ties too."))
+    notes.append(Note("Bold: the lowest of its row as printed, ties too."))
     if any(cell.std is not None for row in rows for cell in row.cells):
         notes.append(Note("Repeated runs: mean ± sample standard deviation, × their number."))
     notes += [Note(text) for text in design.notes]
@@ -69,7 +69,11 @@ def _meaning(metric: Metric, published: bool) -> Iterator[str]:
             "e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers follow; "
             "e_3d, the error of the paper's printed equation, stands next to it."
         )
-    if published and metric.counts:
+    if metric.pool:
+        yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."
+    if published and metric.percent:
+        yield f"{metric.label} is reproduced within {metric.tolerance:g} percentage points of the published number."
+    elif published and metric.counts:
         yield (
             f"{metric.label} is reproduced within {metric.tolerance:g} track of the published share, taken as a whole "
             "number of tracks; differences are in tracks."

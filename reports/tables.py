@@ -16,7 +16,7 @@ from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
 from reports.layouts import LABELS, Layout, Method, Metric, layout
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
 from reports.remarks import remarks
-from reports.text import DIGITS, number, one_line
+from reports.text import number, one_line
 
 __all__ = ["Answer", "Cell", "Column", "Note", "Row", "Run", "Setting", "Table", "Tracked", "Verdict", "build"]
 
@@ -47,11 +47,13 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     if not name or not name.replace("_", "").replace("-", "").isalnum():
         raise UsageError(f"table name {one_line(name)!r} holds more than letters, digits, - and _")
     design = design or layout(name)
-    sorted_answers = grid(answers, design.datasets)
+    sorted_answers = grid(answers, design.datasets, design.rows)
     columns = _columns(design, sorted_answers)
     rows = tuple(_row(design, columns, sorted_answers, key) for key in sorted_answers.rows)
     notes = remarks(design, columns, rows, sorted_answers)
-    return Table(name, design.title, design.caption, columns, rows, _means(rows, columns), notes)
+    means = () if design.pools else _means(rows, columns)
+    parts = build(name, answers, design.unpooled) if design.pools else None
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts)
 
 
 def _columns(design: Layout, answers: Grid) -> tuple[Column, ...]:
@@ -80,16 +82,18 @@ def _row(design: Layout, columns: tuple[Column, ...], answers: Grid, key: RowKey
 
 
 def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
-    metric = column.metric
-    blank = Cell(published=design.printed(key.dataset, column.method, metric.name), stand_in=key.stand_in)
+    metric, pool = column.metric, design.pools.get(key.dataset)
+    published = design.printed(key.dataset, column.method, metric.name)
+    blank = Cell(published=published, stand_in=key.stand_in, digits=metric.digits)
     if not answers:
         return replace(blank, reason="not asked")
     if metric.cameras not in ("", key.setting.cameras):
         return Cell(reason=f"a number for {metric.cameras} cameras", stand_in=key.stand_in)
-    groups = repeats(answers)
-    group = next(iter(groups.values()))
+    groups = repeats(answers, pooled=pool is not None)
+    group = groups[0]
     runs = [run for _, run in group if run is not None]
-    blank = replace(blank, runs=tuple(Run.at(r.uri, r.run_id, r.outcome.key) for r in runs))
+    if pool is None:
+        blank = replace(blank, runs=tuple(Run.at(r.uri, r.run_id, r.outcome.key) for r in runs))
     if len(groups) > 1:
         return replace(blank, runs=(), reason=f"{len(groups)} settings of this method were asked; a cell holds one")
     values = [
@@ -99,10 +103,11 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
     if not values:
         return replace(blank, beside=_mean(runs, metric.beside), reason=missing)
     points = {r.outcome.n_points for r in runs if r.outcome.status == OK}
+    middle = statistics.median(values) if metric.pool == "median" else statistics.fmean(values)
     cell = replace(
         blank,
-        measured=statistics.fmean(values),
-        std=statistics.stdev(values) if len(values) > 1 else None,
+        measured=100 * middle if metric.percent else middle,
+        std=statistics.stdev(values) if len(values) > 1 and pool is None else None,
         count=len(values),
         beside=_mean(runs, metric.beside),
         wrong=_mean(runs, metric.counts),
@@ -112,6 +117,8 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
         missing = other
     if len(values) < len(group):
         missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
+    elif pool and (asked := len({trial.dataset["name"] for trial, _ in group})) < len(pool.datasets):
+        missing = f"over {asked} of {len(pool.datasets)} datasets"
     return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
 
 
@@ -145,11 +152,11 @@ def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int |
 
 
 def _distance(cell: Cell, metric: Metric) -> tuple[float, float]:
-    """Measured minus published, and the unit of its tolerance: one track, or the published number itself."""
+    """Measured minus published, and the unit of its tolerance: a track, a point, or the published number itself."""
     published = float(cell.published or 0)
     if metric.counts:
         return (cell.wrong or 0.0) - wrong_tracks(published, cell.points or 0), 1.0
-    return (cell.measured or 0.0) - published, published
+    return (cell.measured or 0.0) - published, 1.0 if metric.percent else published
 
 
 def wrong_tracks(share: float, points: int) -> int:
@@ -188,7 +195,7 @@ def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
 
 
 def _lowest(cells: Sequence[Cell], places: Sequence[int]) -> list[int]:
-    values = {i: round(cell.measured, DIGITS) for i in places if (cell := cells[i]).measured is not None}
+    values = {i: round(cell.measured, cell.digits) for i in places if (cell := cells[i]).measured is not None}
     return [i for i, value in values.items() if value == min(values.values())] if len(values) > 1 else []
 
 

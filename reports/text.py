@@ -19,9 +19,9 @@ def one_line(text: object, longest: int = LONGEST) -> str:
     return clean if len(clean) <= longest else clean[: longest - 1].rstrip() + "…"
 
 
-def number(value: float) -> str:
+def number(value: float, digits: int = DIGITS) -> str:
     """An error as the papers print it: four decimals, and 0.0 for none at all."""
-    return "0.0" if value == 0 else f"{value:.{DIGITS}f}"
+    return "0.0" if value == 0 else f"{value:.{digits}f}"
 
 
 def count(value: float) -> str:
@@ -29,10 +29,13 @@ def count(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0")
 
 
-def signed(value: float, tracks: bool) -> str:
-    """A difference from the published number: ``+4`` tracks or ``-3.2 %`` of it."""
-    text = f"{value:+.1f}".removesuffix(".0") if tracks else f"{100 * value:+.1f} %"
-    return "0" + text[2:] if text in ("+0", "-0", "+0.0 %", "-0.0 %") else text
+def signed(value: float, unit: str) -> str:
+    """A difference from the published number: ``+4`` tracks, ``+0.06`` percentage points, ``-3.2 %`` of it."""
+    if unit == "percentage points":
+        text = f"{value:+.2f}"
+    else:
+        text = f"{value:+.1f}".removesuffix(".0") if unit == "tracks" else f"{100 * value:+.1f} %"
+    return text if text.strip("+-0. %") else text[1:]
 
 
 class Safe(str):

@@ -16,7 +16,12 @@ SCHEMA = 1
 
 
 def records(table: Table) -> Iterator[dict[str, Any]]:
-    """One flat record for each dataset, method and metric; absent values are None."""
+    """One flat record for each row, method and metric, then those of the parts; absent values are None."""
+    for layer in table.layers:
+        yield from _records(layer)
+
+
+def _records(table: Table) -> Iterator[dict[str, Any]]:
     for row, column, cell in table.cells():
         metric = column.metric
         yield {
@@ -61,8 +66,11 @@ def csv_text(table: Table) -> str:
 
 def json_text(table: Table) -> str:
     """The whole table; :func:`from_json` gives it back."""
-    data = {
-        "schema": SCHEMA,
+    return json.dumps({"schema": SCHEMA} | _data(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _data(table: Table) -> dict[str, Any]:
+    return {
         "name": table.name,
         "title": table.title,
         "caption": table.caption,
@@ -70,10 +78,10 @@ def json_text(table: Table) -> str:
         "notes": [asdict(note) for note in table.notes],
         "columns": [asdict(column) for column in table.columns],
         "rows": [_row_data(row) for row in table.rows],
-        "cells": list(records(table)),
+        "cells": list(_records(table)),
         "means": [_row_data(row) | {"cells": [asdict(cell) for cell in row.cells]} for row in table.means],
+        "parts": _data(table.parts) if table.parts else None,
     }
-    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def from_json(source: str) -> Table:
@@ -88,14 +96,19 @@ def from_json(source: str) -> Table:
         data = json.loads(source)
         if data["schema"] != SCHEMA:
             raise ValueError(f"schema {data['schema']}, wanted {SCHEMA}")
-        columns = tuple(Column(**{**column, "metric": Metric(**column["metric"])}) for column in data["columns"])
-        cells = iter(data["cells"])
-        rows = tuple(_row(row, [_cell(next(cells)) for _ in columns]) for row in data["rows"])
-        means = tuple(_row(row, [_mean(cell) for cell in row["cells"]]) for row in data["means"])
-        notes = tuple(Note(**note) for note in data["notes"])
-        return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes)
+        return _table(data)
     except (KeyError, TypeError, StopIteration, RuntimeError) as error:
         raise ValueError(f"not a table: {error!r}") from None
+
+
+def _table(data: dict[str, Any]) -> Table:
+    columns = tuple(Column(**{**column, "metric": Metric(**column["metric"])}) for column in data["columns"])
+    cells = iter(data["cells"])
+    rows = tuple(_row(row, [_cell(next(cells), column.metric.digits) for column in columns]) for row in data["rows"])
+    means = tuple(_row(row, [_mean(cell) for cell in row["cells"]]) for row in data["means"])
+    notes = tuple(Note(**note) for note in data["notes"])
+    parts = _table(data["parts"]) if data.get("parts") else None
+    return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes, parts)
 
 
 def _row_data(row: Row) -> dict[str, Any]:
@@ -112,7 +125,7 @@ def _mean(data: dict[str, Any]) -> Cell:
     return Cell(**{**data, "verdict": Verdict(data["verdict"]), "runs": ()})
 
 
-def _cell(record: dict[str, Any]) -> Cell:
+def _cell(record: dict[str, Any], digits: int) -> Cell:
     runs = zip(record["run_id"], record["trial_key"], record["link"], strict=True)
     return Cell(
         published=record["published"],
@@ -129,6 +142,7 @@ def _cell(record: dict[str, Any]) -> Cell:
         best_printed=record["best_of_paper"],
         stand_in=record["stand_in"],
         runs=tuple(Run(*run) for run in runs),
+        digits=digits,
     )
 
 

@@ -103,8 +103,8 @@ def measured(cell: Cell) -> str:
     """``0.0318``, or ``0.0318 ± 0.0021 × 5`` for repeated runs; a dash for none."""
     if cell.measured is None:
         return "–"
-    repeated = f" ± {text.number(cell.std)} × {cell.count}" if cell.std is not None else ""
-    return text.number(cell.measured) + repeated
+    repeated = f" ± {text.number(cell.std, cell.digits)} × {cell.count}" if cell.std is not None else ""
+    return text.number(cell.measured, cell.digits) + repeated
 
 
 def aside(cell: Cell, symbol: bool = True) -> str:
@@ -135,7 +135,7 @@ def wrong(cell: Cell) -> str:
 
 def difference(cell: Cell, column: Column) -> str:
     """From the published number: ``+4`` tracks, ``-3.2 %``."""
-    return "" if cell.difference is None else text.signed(cell.difference, tracks=bool(column.metric.counts))
+    return "" if cell.difference is None else text.signed(cell.difference, column.metric.unit)
 
 
 def source(cell: Cell) -> str:

@@ -43,6 +43,8 @@ class Naughty(Method):
         return Reconstruction(labels=np.arange(tracks.shape[2]) % n_bodies)
 '''
 
+ROOT = Path(__file__).parents[2]
+
 Shell = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -64,7 +66,7 @@ def environment(tmp_path: Path, naughty_package: Path) -> dict[str, str]:
         **os.environ,
         "HARNESS_OUTPUT": str(tmp_path / "out"),
         "NRSFM_DATA": str(tmp_path / "no-data"),
-        "PYTHONPATH": str(naughty_package),
+        "PYTHONPATH": os.pathsep.join([str(naughty_package), str(ROOT)]),  # this checkout, installed or not
         "COLUMNS": "200",
     }
 

@@ -75,6 +75,18 @@ def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> N
     assert len(tracked(tmp_path)) == 4
 
 
+@pytest.mark.parametrize("words", [["noise.level=0"], ["noise.level=0", "method=edsc"], ["method=edsc,ssc2d"]])
+def test_an_experiment_can_be_narrowed(harness: Shell, tmp_path: Path, words: list[str]) -> None:
+    """Whatever the experiment sweeps itself, dotted keys too."""
+    narrow = [*words, "dataset.points=8", "dataset.frames=12"]
+    planned = harness("plan", "+experiment=quick", *narrow).stdout
+    done = harness("run", "+experiment=quick", *narrow)
+    assert done.returncode == 0, done.stderr
+    n = len(records(tmp_path))
+    assert f"{n} trials: {n} missing." in planned
+    assert n == {1: 5, 2: 1}[len(words)] if "noise.level=0" in words else n == 4
+
+
 def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: Path) -> None:
     assert shell("run", "method=ours_printed", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
+from omegaconf import OmegaConf
 
+from datasets.hopkins import SCENES
 from harness import storage
-from harness.experiments import Settings, expand
+from harness.experiments import Settings, compose_config, compose_jobs, expand, grid
 from harness.record import Outcome, Trial, UsageError
 from harness.trial import entries, execute, identify, journal
 
@@ -93,6 +96,68 @@ def test_absent_sequence_is_a_row_that_says_how_to_get_it(settings: Settings) ->
     assert "dance.mat is not there" in outcome.error
     assert "harness data get" in outcome.error
     assert "\n" not in outcome.error
+
+
+def test_scenes_without_cameras_are_for_methods_that_need_none(tmp_path: Path, settings: Settings) -> None:
+    x = np.random.default_rng(0).standard_normal((3, 12, 8))
+    file = tmp_path / "data/hopkins155/arm_truth.mat"
+    file.parent.mkdir(parents=True)
+    scipy.io.savemat(file, {"x": x, "s": np.repeat([[1], [2]], 6, axis=0)})
+    for words in (["cameras=known"], ["cameras=estimated"]):
+        (trial, _), (ours, _) = expand(["dataset=hopkins155", "dataset.scene=arm", "method=edsc_raw,ours", *words])
+        outcome, _ = execute(trial, settings)
+        assert (outcome.status, outcome.dataset) == ("ok", "hopkins155_arm")
+        assert {"e_ms", "n_wrong"} <= outcome.metrics.keys() and "e_3d" not in outcome.metrics
+        needy, _ = execute(ours, settings)
+        assert (needy.status == "ok") == (words == ["cameras=estimated"])
+        assert "cameras=estimated" in needy.error or needy.status == "ok"
+
+
+def test_no_cameras_are_estimated_for_a_method_that_needs_none(settings: Settings) -> None:
+    """Three frames of a plane: no camera can be had from them."""
+    words = ["dataset.points=8", "dataset.frames=2", "cameras=estimated", "method=edsc,ours"]
+    (edsc, _), (ours, _) = expand(words)
+    assert execute(edsc, settings)[0].status == "ok"
+    assert "at least 3" in execute(ours, settings)[0].error
+
+
+def test_hopkins155_asks_for_every_scene() -> None:
+    asked = [trial for trial, _ in expand(["+experiment=hopkins155"])]
+    for method in ("ssc_raw", "ssc_raw_4n", "edsc_raw"):
+        scenes = [trial.dataset["scene"] for trial in asked if trial.method["name"] == method]
+        assert sorted(scenes) == sorted(SCENES)
+        assert [t.dataset["name"] for t in asked if t.method["name"] == method] == [f"hopkins155_{s}" for s in scenes]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["+experiment=table1"],
+        ["+experiment=table1", "dataset.motion=native", "dataset.placement=[3,0,0]"],
+        ["+experiment=quick"],
+        ["+experiment=hopkins155", "dataset.scene=arm,three-cars"],
+        ["method=ours,edsc", "noise.level=0,0.02", "+method.how=a"],
+        ["~method.clusterer", "method=edsc", "dataset.points=8,9"],
+        ["dataset=mocap_scene", "dataset.bodies=[drink,stretch],[dance,yoga]", "dataset.frames=null,10"],
+        ["dataset.name='a b'", "n_bodies=2,3", "cameras=known,estimated"],
+        ["method=ours", "method.l1=${noise.level}", "noise.level=0,0.5"],
+        ["noise.level=0.1,0.2", "noise={level: 0.5}"],
+    ],
+)
+def test_configurations_are_those_of_hydra(words: list[str]) -> None:
+    """Composed together or one by one, with every interpolation as it stands."""
+    jobs = grid(words)
+    together = [OmegaConf.to_container(cfg) for cfg in compose_jobs(jobs)]
+    assert together == [OmegaConf.to_container(compose_config(job)) for job in jobs]
+
+
+@pytest.mark.parametrize("job", [["noise.laut=1"], ["dataset.scene=arm"], ["method=none"], ["noise.level"]])
+def test_configurations_are_refused_as_hydra_does(job: list[str]) -> None:
+    with pytest.raises(UsageError) as whole:
+        compose_config(job)
+    with pytest.raises(UsageError) as together:
+        list(compose_jobs([["noise.level=0"], job]))
+    assert str(together.value) == str(whole.value)
 
 
 def test_stand_in_is_labelled_and_has_another_key(settings: Settings) -> None:

@@ -57,6 +57,36 @@ def test_sparse_code_is_optimal() -> None:
         assert value(C + change) >= value(C) - 1e-6
 
 
+def plain_sparse_code(X: np.ndarray, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[np.ndarray, int]:
+    """The same iteration as its algorithm is printed: one (N, N) inverse, and the multipliers as they are."""
+    n = X.shape[1]
+    G = X.T @ X
+    a = alpha / np.abs(G - np.diag(np.diag(G))).max(axis=0).min()
+    one = np.ones((n, 1))
+    inverse = np.linalg.inv(a * G + alpha * np.eye(n) + alpha * affine * one @ one.T)
+    C, D, d = np.zeros((n, n)), np.zeros((n, n)), np.zeros((1, n))
+    for k in range(1, max_iter + 1):
+        Z = inverse @ (a * G + alpha * C - D + affine * one @ (alpha * one.T - d))
+        C = np.sign(Z + D / alpha) * np.maximum(np.abs(Z + D / alpha) - 1 / alpha, 0)
+        np.fill_diagonal(C, 0)
+        D += alpha * (Z - C)
+        d += alpha * (one.T @ Z - 1)
+        if max(np.abs(Z - C).max(), affine * np.abs(one.T @ Z - 1).max()) < tol:
+            return C, k
+    return C, max_iter
+
+
+@pytest.mark.parametrize("affine", [False, True])
+@pytest.mark.parametrize("ambient", [5, 60])
+def test_sparse_code_follows_the_plain_iteration(ambient: int, affine: bool) -> None:
+    """With fewer dimensions than points, and with more."""
+    X = union(2, 3, ambient, 12, affine)[0].T
+    for settings in ((800.0, affine, 7, 0.0), (20.0, affine, 200, 2e-4)):
+        mine, expected = sparse_code(X, *settings), plain_sparse_code(X, *settings)
+        assert mine[1] == expected[1]
+        np.testing.assert_allclose(mine[0], expected[0], atol=1e-9)
+
+
 @pytest.mark.parametrize("affine", [False, True])
 def test_dense_code_is_optimal(affine: bool) -> None:
     """The gradient of 1/2 |C|^2 + weight/2 |X - X C|^2 vanishes, along 1'C = const when affine."""

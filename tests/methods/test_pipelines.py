@@ -8,9 +8,9 @@ import pytest
 from datasets.cameras import orbit, project
 from datasets.scene import Scene
 from harness import metrics
-from methods.base import MethodError
+from methods.base import NO_CAMERAS, MethodError, standardise
 from methods.bmm import BMM
-from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift
+from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift, principal
 from methods.registry import ALGORITHMS, build, build_method, version
 from methods.rotation import estimate_cameras, orthonormal_rows
 from methods.ssc import SSC
@@ -47,6 +47,57 @@ def test_permuting_tracks_permutes_the_result(
     assert metrics.n_wrong(mixed.labels, plain.labels[order]) == 0
     if plain.structure is not None:
         np.testing.assert_allclose(mixed.structure, plain.structure[:, :, order], atol=1e-5)
+
+
+class Recorder(SSC):
+    """Keeps what it was given."""
+
+    def fit(self, X: np.ndarray, y: object = None) -> SSC:
+        Recorder.given = X
+        return super().fit(X, y)
+
+
+def test_tracks_are_clustered_standardised_or_as_they_are(rng: np.random.Generator) -> None:
+    tracks = 3 + 5 * rng.standard_normal((6, 2, 10))
+    ClusterTracks(Recorder()).reconstruct(tracks, NO_CAMERAS, 2)
+    np.testing.assert_array_equal(Recorder.given, standardise(tracks).W.reshape(12, 10).T)
+    ClusterTracks(Recorder(), standardise=False).reconstruct(tracks, NO_CAMERAS, 2)
+    np.testing.assert_array_equal(Recorder.given, tracks.reshape(12, 10).T)
+
+
+def test_standardised_tracks_have_no_unit_and_no_place(small_scene: Scene) -> None:
+    there = 7 + 1000 * small_scene.tracks
+    for method in (ClusterTracks(SSC(share=0.7)), ClusterTracks(SSC(share=0.7), projection=4)):
+        here, moved = (method.reconstruct(W, NO_CAMERAS, 2) for W in (small_scene.tracks, there))
+        np.testing.assert_allclose(moved.affinity, here.affinity, atol=1e-6)
+
+
+def test_projection_is_the_best_of_its_dimension_and_not_centred(rng: np.random.Generator) -> None:
+    W = 10 + rng.standard_normal((6, 2, 20))
+    X = W.reshape(12, 20)
+    Y = principal(W, 4)
+    assert Y.shape == (4, 20)
+    s = np.linalg.svd(X, compute_uv=False)
+    U = np.linalg.lstsq(Y.T, X.T, rcond=None)[0].T
+    assert np.linalg.norm(X - U @ Y) == pytest.approx(np.linalg.norm(s[4:]))
+    np.testing.assert_allclose(U.T @ U, np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(principal(W, 99).T @ principal(W, 99), X.T @ X, atol=1e-9)
+
+
+def test_projection_is_to_dimensions_a_body(rng: np.random.Generator) -> None:
+    tracks = rng.standard_normal((20, 2, 30))
+    for n_bodies in (2, 3):
+        ClusterTracks(Recorder(), standardise=False, projection=4).reconstruct(tracks, NO_CAMERAS, n_bodies)
+        np.testing.assert_allclose(Recorder.given, principal(tracks, 4 * n_bodies).T)
+    for wrong in (0, -1, 1.5):
+        with pytest.raises(MethodError, match="whole number"):
+            ClusterTracks(SSC(), projection=wrong).reconstruct(tracks, NO_CAMERAS, 2)
+
+
+def test_tracks_are_checked_either_way() -> None:
+    for keep in (True, False):
+        with pytest.raises(MethodError, match="NaN"):
+            ClusterTracks(SSC(), standardise=keep).reconstruct(np.full((4, 2, 6), np.nan), NO_CAMERAS, 2)
 
 
 def test_clusters_are_placed_where_they_are() -> None:
