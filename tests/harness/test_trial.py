@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from datasets.hopkins import SCENES
 from harness import storage
-from harness.experiments import Settings, compose_config, compose_jobs, expand, grid
+from harness.experiments import Settings, compose_config, compose_jobs, effective, expand
 from harness.record import Outcome, Trial, UsageError
 from harness.trial import entries, execute, identify, journal
 
@@ -146,7 +146,7 @@ def test_hopkins155_asks_for_every_scene() -> None:
 )
 def test_configurations_are_those_of_hydra(words: list[str]) -> None:
     """Composed together or one by one, with every interpolation as it stands."""
-    jobs = grid(words)
+    jobs = effective(words)[1]
     together = [OmegaConf.to_container(cfg) for cfg in compose_jobs(jobs)]
     assert together == [OmegaConf.to_container(compose_config(job)) for job in jobs]
 
