@@ -83,9 +83,15 @@ class Tracker:
         artifacts = None
         try:
             if self.uri.startswith("sqlite:///"):
-                with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as db:
-                    db.execute("PRAGMA journal_mode=WAL")
+                path = Path(self.uri.removeprefix("sqlite:///"))
                 artifacts = (self.output / "artifacts").as_uri()
+                if not path.exists():  # made beside its place: a kill in the middle leaves no half-made store
+                    fresh = path.with_name(f".{path.name}.new")
+                    fresh.unlink(missing_ok=True)
+                    MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
+                    fresh.replace(path)
+                with closing(sqlite3.connect(path)) as db:
+                    db.execute("PRAGMA journal_mode=WAL")
             client = MlflowClient(self.uri, registry_uri=self.uri)
             experiment = client.get_experiment_by_name(EXPERIMENT)
             self._experiment = (

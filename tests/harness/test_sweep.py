@@ -166,6 +166,15 @@ def test_run_cut_short_in_the_store_is_written_anew(harness: Shell, tmp_path: Pa
     assert again.outcome == one.outcome
 
 
+def test_store_whose_making_was_cut_short_is_made_anew(harness: Shell, tmp_path: Path) -> None:
+    """A kill in MLflow's migrations leaves a file beside the store's place, never a half-made store in it."""
+    (tmp_path / "out").mkdir()
+    with sqlite3.connect(tmp_path / "out/.mlflow.db.new") as db:
+        db.execute("CREATE TABLE spans (trace_id TEXT)")
+    assert harness("run", *TINY).returncode == 0
+    assert len(tracked(tmp_path)) == 1
+
+
 def test_killed_rerun_keeps_the_record(
     shell: Shell, environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
