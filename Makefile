@@ -22,8 +22,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 
 tables: $(INSTALLED)
 	-@$(BIN)/harness data get
-	-@$(BIN)/harness run +experiment=table1
-	-@$(BIN)/harness run +experiment=table2
+	-@$(BIN)/harness run +experiment=tables
 	@$(BIN)/harness report
 
 test: $(INSTALLED)
