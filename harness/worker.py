@@ -84,6 +84,7 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
         "true_structure": scene.structure,
         "true_labels": scene.labels,
         "edges": scene.edges,
+        **metrics.by_frame(noisy, found, known_cameras=known),
     }
     arrays = {name: _compact(np.asarray(value)) for name, value in parts.items() if value is not None}
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
