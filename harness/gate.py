@@ -82,7 +82,7 @@ def bless_main(argv: Sequence[str]) -> int:
 
 def measured(overrides: Sequence[str]) -> list[Outcome]:
     """Outcomes that the tracker holds for the trials of the overrides."""
-    found, _ = answers(overrides)
+    found, _, _ = answers(overrides)
     absent = sum(run is None for _, run in found)
     if absent:
         print(f"{absent} of {len(found)} trials are not run yet; 'harness run' runs them", file=sys.stderr)

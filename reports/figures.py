@@ -14,10 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from harness.record import Outcome
-
-#: Okabe and Ito's colours, told apart by colour-blind readers.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-GREY, WRONG = "#9a9a9a", "#000000"
+from reports.labels import matched
+from reports.style import COLOURS, GREY, WRONG
 
 
 def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | None = None) -> Figure:
@@ -39,7 +37,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     tracks = arrays["tracks"]
     frame = len(tracks) // 2 if frame is None else frame
     truth = arrays.get("true_labels")
-    labels = _matched(arrays["labels"], truth) if "labels" in arrays else None
+    labels = matched(arrays["labels"], truth) if "labels" in arrays else None
     panels = ["tracks", *(name for name in ("structure", "affinity") if name in arrays)]
     figure = Figure(figsize=(4.4 * len(panels), 4.3), layout="constrained")
     row = [
@@ -88,7 +86,7 @@ def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
 def _structure(
     axes: Any, arrays: Mapping[str, NDArray[Any]], frame: int, labels: NDArray[Any] | None, truth: NDArray[Any] | None
 ) -> None:
-    X = arrays["structure"][frame]
+    X = arrays.get("alignment", np.eye(3)) @ arrays["structure"][frame]
     if "true_structure" in arrays:
         axes.scatter(*arrays["true_structure"][frame], s=34, facecolors="none", edgecolors=GREY, linewidths=0.7)
     for label in [] if labels is None else np.unique(labels):
@@ -112,17 +110,3 @@ def _affinity(axes: Axes, affinity: NDArray[Any], truth: NDArray[Any] | None) ->
             axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
             axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")
-
-
-def _matched(labels: NDArray[Any], truth: NDArray[Any] | None) -> NDArray[Any]:
-    """Clusters renamed after the bodies that they match best, so that colours mean bodies."""
-    if truth is None:
-        return labels
-    from scipy.optimize import linear_sum_assignment
-
-    found, bodies = np.unique(labels), np.unique(truth)
-    overlap = np.array([[((labels == a) & (truth == b)).sum() for b in bodies] for a in found])
-    rows, columns = linear_sum_assignment(-overlap)
-    names = {found[r]: bodies[c] for r, c in zip(rows, columns, strict=True)}
-    spare = iter(range(int(bodies.max()) + 1, int(bodies.max()) + 1 + len(found)))
-    return np.array([names.setdefault(label, next(spare)) if label not in names else names[label] for label in labels])

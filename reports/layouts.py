@@ -256,6 +256,43 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             joiner=" + ",
             notes=(SHARE, ROUGH),
         ),
+        "three_bodies": Layout(
+            title="Three bodies",
+            caption="Stretch, dance and yoga in one scene: 3D reconstruction error (e_3D) and segmentation error "
+            "(e_MS).",
+            methods=(
+                Method("bmm_ssc3d"),
+                Method("bmm_ssc3d_share70"),
+                Method("ssc2d_bmm"),
+                Method("ssc2d_bmm_share70"),
+                Method("edsc"),
+                Method("ours", "Our Method"),
+                Method("ours_printed"),
+            ),
+            source="three_bodies",
+            joiner=" + ",
+            notes=(SHARE, ROUGH),
+        ),
+        "intersecting": Layout(
+            title="Intersecting bodies",
+            caption="Motion segmentation of the eight pairs with both bodies in one place. The paper prints no "
+            "numbers.",
+            methods=(
+                Method("ssc2d"),
+                Method("ssc2d_share70"),
+                Method("edsc"),
+                Method("ours"),
+                Method("ours_printed"),
+            ),
+            metrics=(E_MS,),
+            notes=(SHARE, ROUGH),
+        ),
+        "noise": Layout(
+            title="Noise",
+            caption="Errors with image noise, mean and standard deviation over the draws. The paper plots these "
+            "without naming the noise's scale: the scale is ours.",
+        ),
+        "convergence": Layout(title="Convergence", caption="The runs behind the convergence curves."),
         "single_body": Layout(
             title="Single bodies",
             caption="The block matrix method on one body at a time: rotation error (e_R) and 3D error (e_3D) with "

@@ -229,12 +229,17 @@ class Table:
         return Counter(cell.verdict for _, _, cell in self.cells())
 
     @property
+    def published(self) -> int:
+        """How many numbers the paper prints."""
+        return sum(cell.published is not None for _, _, cell in self.cells())
+
+    @property
     def summary(self) -> str:
         """One line: how many of the published numbers were reproduced, and what became of the others."""
         counts = self.verdicts
         cells = [cell for _, _, cell in self.cells()]
         judged = sum(counts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
-        printed = sum(cell.published is not None for cell in cells)
+        printed = self.published
         said = [
             f"{counts[Verdict.REPRODUCED]} of {printed} published numbers reproduced",
             f"{counts[Verdict.BETTER] + counts[Verdict.WORSE]} not "

@@ -113,7 +113,7 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
         wrong=_mean(runs, metric.counts),
         points=points.pop() if len(points) == 1 else None,
     )
-    if other := _other_scene(group[0][0].dataset):
+    if other := other_scene(group[0][0].dataset):
         missing = other
     if len(values) < len(group):
         missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
@@ -122,7 +122,7 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
     return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
 
 
-def _other_scene(dataset: Mapping[str, Any]) -> str:
+def other_scene(dataset: Mapping[str, Any]) -> str:
     """Why a scene is not the one whose numbers are published, whatever its name; "" if it may be."""
     whole = {"frames": None, "scale": True, "upright": False, "degrees_per_frame": 5.0}
     changed = [

@@ -10,7 +10,9 @@ import pytest
 from datasets.scene import Scene
 from harness.record import Outcome, UsageError
 from harness.report import renew
-from reports.figures import COLOURS, _matched, overview, save
+from reports.figures import overview, save
+from reports.labels import matched
+from reports.style import COLOURS
 from reports.tables import build
 
 
@@ -58,9 +60,9 @@ def test_absent_parts_are_not_drawn(arrays: dict[str, np.ndarray], outcome: Outc
 
 def test_clusters_take_the_names_of_their_bodies() -> None:
     truth = np.repeat([0, 1], 5)
-    assert (_matched(1 - truth, truth) == truth).all()
+    assert (matched(1 - truth, truth) == truth).all()
     split = np.array([7, 7, 7, 7, 3, 2, 2, 2, 2, 2])
-    named = _matched(split, truth)
+    named = matched(split, truth)
     assert named[[0, 5]].tolist() == [0, 1]
     assert named[4] not in (0, 1)
     assert len(set(COLOURS)) == len(COLOURS)
