@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness.answers import Store, answers
 from harness.arguments import Parser
@@ -23,6 +24,9 @@ from reports.page import page
 from reports.runs import Fetch
 from reports.tables import Answer, Table, build
 from reports.writers import FORMATS, console, glance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DEFAULT = ("table1", "table2")
 
@@ -135,24 +139,31 @@ def _write(path: Path, text: str) -> None:
 
 
 def draw(report: Report, folder: Path) -> list[Path]:
-    """Every chart as svg, pdf and png, and a picture of each finished run that gave a structure."""
-    from reports.drawing import chart_figure
-    from reports.figures import overview, save
+    """Every chart, and a picture of each finished run that gave a structure, as svg, pdf and png."""
+    from reports.figures import save
 
     written = []
-    for chart in report.charts:
-        figure = chart_figure(chart)
+    for name, figure in _figures(report):
         for suffix in ("svg", "pdf", "png"):
-            written.append(folder / f"{chart.name}.{suffix}")
+            written.append(folder / f"{name}.{suffix}")
             save(figure, written[-1])
-    for run in report.runs.values():
-        arrays = report.fetch(run)
-        if "e_3d" not in run.outcome.metrics or "tracks" not in arrays:
-            continue
-        noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
-        written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
-        save(overview(arrays, run.outcome), written[-1])
     return written
+
+
+def _figures(report: Report) -> Iterator[tuple[str, Figure]]:
+    from reports.drawing import chart_figure
+    from reports.figures import overview
+
+    for chart in report.charts:
+        yield chart.name, chart_figure(chart)
+    drawn = set()
+    for table, group in report.answers.items():
+        for run in (run for _, run in group if run and "e_3d" in run.outcome.metrics):
+            outcome, arrays = run.outcome, report.fetch(run)
+            if outcome.key not in drawn and "tracks" in arrays:
+                drawn.add(outcome.key)
+                noise = f"_noise{outcome.level:g}_{outcome.repeat}" if outcome.level else ""
+                yield f"{table}_{outcome.dataset}_{outcome.method}{noise}", overview(arrays, outcome)
 
 
 def renew(path: Path, built: Sequence[Table]) -> None:

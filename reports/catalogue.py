@@ -96,8 +96,8 @@ def convergence(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
     scenes = list(dict.fromkeys(run.outcome.dataset for run in runs))
     for method, members in _by(runs, lambda run: run.outcome.method).items():
         curves = {run.outcome.dataset: thinned(fetch(run)) for run in members}
-        names = sorted({name for curve in curves.values() for name in curve}, key=lambda name: (name != "objective", name))
-        for name in names:
+        names = {name for curve in curves.values() for name in curve}
+        for name in sorted(names, key=lambda name: (name != "objective", name)):
             series = [
                 Series(_name_of(scene), tuple(map(float, x)), tuple(map(float, y)), (), scenes.index(scene))
                 for scene, curve in curves.items()

@@ -32,6 +32,8 @@ def console(table: Table, target: Console | None = None) -> None:
     target.print(_grid(table))
     for line in reasons(table):
         target.print(Text(line, "dim"))
+    for test in table.tests:
+        target.print(Text(test.text, "dim"))
     if table.printed:
         target.print(Text(LEGEND, "dim"))
     target.print(Text(table.summary, "bold"))

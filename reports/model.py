@@ -166,6 +166,45 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Paired:
+    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test.
+
+    Parameters
+    ----------
+    method, label, metric : str
+        The other method and the error compared.
+    setting : str
+        What the rows share, where the table holds several settings.
+    rows, better, worse : int
+        Rows compared, and on how many ours is lower and higher.
+    median : float
+        Of ours minus the other, in the table's numbers.
+    p, corrected : float
+        Two-sided, and corrected for the other tests of the same metric and setting.
+    """
+
+    method: str
+    label: str
+    metric: str
+    setting: str
+    rows: int
+    better: int
+    worse: int
+    median: float
+    p: float
+    corrected: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """``e_MS, ours against EDSC: lower on 6 of 8, higher on 0, median difference -0.1250, p = 0.031, ...``."""
+        where = f", {self.setting}" if self.setting else ""
+        return (
+            f"{self.metric}{where}, ours against {self.label}: lower on {self.better} of {self.rows}, higher on "
+            f"{self.worse}, median difference {self.median:+.4f}, p = {self.p:.2g}, corrected {self.corrected:.2g}"
+        )
+
+
+@dataclass(frozen=True)
 class Table:
     """A table with everything that any of its formats shows.
 
@@ -183,6 +222,8 @@ class Table:
         Loud ones first.
     parts : Table or None
         Where rows pool datasets: the same answers with a row for each dataset.
+    tests : tuple of Paired
+        Ours against each method over the rows.
     """
 
     name: str
@@ -193,6 +234,7 @@ class Table:
     means: tuple[Row, ...]
     notes: tuple[Note, ...]
     parts: Table | None = None
+    tests: tuple[Paired, ...] = ()
 
     @property
     def layers(self) -> tuple[Table, ...]:

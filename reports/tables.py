@@ -7,7 +7,7 @@ published ones.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from harness.record import OK, UsageError
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
 from reports.layouts import LABELS, Layout, Method, Metric, layout
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
+from reports.paired import paired_tests
 from reports.remarks import remarks
 from reports.text import number, one_line
 
@@ -53,7 +54,8 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     notes = remarks(design, columns, rows, sorted_answers)
     means = () if design.pools else _means(rows, columns)
     parts = build(name, answers, design.unpooled) if design.pools else None
-    return Table(name, design.title, design.caption, columns, rows, means, notes, parts)
+    tests = () if design.pools else paired_tests(columns, rows)
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, tests)
 
 
 def _columns(design: Layout, answers: Grid) -> tuple[Column, ...]:
@@ -71,14 +73,19 @@ def _columns(design: Layout, answers: Grid) -> tuple[Column, ...]:
 
 def _row(design: Layout, columns: tuple[Column, ...], answers: Grid, key: RowKey) -> Row:
     label = design.label(key.dataset)
-    differing = tuple(f for f in Setting.__match_args__ if len({getattr(s, f) for s in answers.settings}) > 1)
-    if differing:
+    if differing := _differing(answers.settings):
         label += f", {key.setting.words(differing)}"
     if key.stand_in:
         label += " (stand-in)"
     cells = [_cell(design, column, key, answers.rows[key].get(column.method, [])) for column in columns]
     marked = _mark(columns, cells)
     return Row(key.dataset, label, key.setting, key.stand_in, key.dataset in design.datasets, marked)
+
+
+def _differing(settings: Iterable[Setting]) -> tuple[str, ...]:
+    """The fields in which some settings are not all alike."""
+    found = list(settings)
+    return tuple(name for name in Setting.__match_args__ if len({getattr(s, name) for s in found}) > 1)
 
 
 def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
@@ -215,7 +222,8 @@ def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...
             continue
         cells = tuple(_mean_cell([row.cells[i] for row in common], stand_in) for i in range(len(columns)))
         label = "Mean" if len(common) == len(members) else f"Mean ({len(common)} of {len(members)} rows)"
-        label += f", {setting.words()}" if len({s for _, s in kinds}) > 1 else ""
+        differing = _differing(s for _, s in kinds)
+        label += f", {setting.words(differing)}" if differing else ""
         means.append(Row("mean", label + " (stand-in)" * stand_in, setting, stand_in, False, cells))
     return tuple(means)
 

@@ -78,7 +78,7 @@ def test_report_writes_every_format_of_one_table(harness: Shell, grid: str, tmp_
     measured = {r["method"]: r for r in rows if r["metric"] == "e_ms"}
     assert set(measured) == {"ours", "bmm_ssc3d", "ssc2d_bmm", "ssc2d", "edsc"}
     assert all(len(r["trial_key"]) == 16 for r in rows if r.get("trial_key") and ";" not in r["trial_key"])
-    assert len(list((folder / "figures").glob("person_face_*.png"))) == 6
+    assert len(list((folder / "figures").glob("quick_person_face_*.png"))) == 6
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["number"] for claim in claims] == list(range(1, 11))
     before = {p.name: p.read_bytes() for p in folder.glob("*.*")}
