@@ -332,6 +332,10 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 )
 
 
+FILLS: Mapping[str, tuple[str, ...]] = MappingProxyType({"tables": ("table1", "table2")})
+"""Experiments that fill other tables than one of their own name."""
+
+
 def layout(name: str) -> Layout:
     """The layout of a table; for an experiment that no paper prints, both errors of whatever methods it asks for."""
     return LAYOUTS.get(name) or Layout(title=name, caption=f"Experiment {name}: no published table.")
