@@ -15,7 +15,7 @@ from harness.arguments import Parser
 from harness.evidence import Arrays, as_configured
 from harness.experiments import Settings, configurations
 from harness.record import OK, UsageError
-from harness.storage import write_atomically
+from harness.storage import write_text
 from reports import claims
 from reports.catalogue import charts
 from reports.charts import Chart
@@ -128,14 +128,10 @@ def write(report: Report, folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            _write(folder / name, text)
+            write_text(folder / name, text)
     except OSError as error:
         raise UsageError(f"cannot write the report to {folder}: {error.strerror}; choose another folder") from None
     return [folder / name for name in texts]
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomically(path, lambda handle: handle.write(text.encode()))
 
 
 def draw(report: Report, folder: Path) -> list[Path]:
@@ -181,7 +177,7 @@ def renew(path: Path, built: Sequence[Table]) -> None:
             raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
         head, _, rest = text.partition(start)
         text = f"{head}{start}{table.summary}\n\n{glance(table)}{end}{rest.partition(end)[2]}"
-    _write(path, text)
+    write_text(path, text)
 
 
 def main(argv: Sequence[str]) -> int:

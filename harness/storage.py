@@ -39,6 +39,11 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """:func:`write_atomically` of a text, as UTF-8."""
+    write_atomically(path, lambda handle: handle.write(text.encode()))
+
+
 def read_record(folder: Path) -> Outcome | None:
     """The record of a finished trial, or None; a damaged one counts as not finished."""
     try:
