@@ -11,7 +11,7 @@ import numpy as np
 from harness.answers import answers
 from harness.arguments import Parser
 from harness.record import OK, UsageError
-from harness.storage import ARRAYS, write_atomically
+from harness.storage import ARRAYS, unpack, write_atomically
 from reports.tables import Answer, Table, build
 from reports.writers import FORMATS, console, glance
 
@@ -83,7 +83,7 @@ def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder:
         if "e_3d" not in run.outcome.metrics or not path.is_file():
             continue
         with np.load(path, allow_pickle=False) as stored:
-            figure = overview(dict(stored), run.outcome)
+            figure = overview(unpack(stored), run.outcome)
         noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
         written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
         save(figure, written[-1])

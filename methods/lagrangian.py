@@ -6,6 +6,7 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -13,6 +14,9 @@ import scipy.linalg
 from methods.base import Array
 from methods.cameras import axes
 from methods.proximal import singular_value_threshold, soft
+
+#: (P, P): an array, or what :mod:`methods.implicit` keeps in its place.
+Square = Any
 
 RESIDUALS = ("shape", "expression", "code", "affine")
 
@@ -26,11 +30,11 @@ class State:
 
     S: Array
     shape: Array
-    C: Array
-    E: Array
+    C: Square
+    E: Square
     Y1: Array
     Y2: Array
-    Y3: Array
+    Y3: Square
     Y4: Array
     b: float
     nuclear_norm: float = field(default=0.0)
@@ -67,7 +71,7 @@ class Problem:
         gaps = self.gaps(state)
         return self.multiplier_step(state, gaps), gaps
 
-    def code_step(self, state: State) -> Array:
+    def code_step(self, state: State) -> Square:
         """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b."""
         P, b = state.C.shape[0], state.b
         V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
@@ -97,7 +101,7 @@ class Problem:
             np.fill_diagonal(C, 0)
         return C
 
-    def sparse_step(self, state: State) -> Array:
+    def sparse_step(self, state: State) -> Square:
         """E of eq. (18): soft threshold of C + Y3/b at l1/b, its diagonal zero."""
         E = soft(state.C + state.Y3 / state.b, self.l1 / state.b)
         if self.diagonal == "threshold":
@@ -134,10 +138,14 @@ class Problem:
         values = (
             state.shape - state.S,
             state.S - times(state.S, state.C),
-            state.C - state.E,
+            self.code_gap(state),
             state.C.sum(axis=0) - 1,
         )
         return dict(zip(RESIDUALS, values, strict=True))
+
+    def code_gap(self, state: State) -> Square:
+        """C - E."""
+        return state.C - state.E
 
     def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
         """Y += b times the violated constraint (algorithm 1)."""
@@ -178,3 +186,8 @@ def shifted_cholesky(A: Array, shift: float) -> tuple[Array, bool]:
     A = A.copy(order="F")
     A[np.diag_indices(len(A))] += shift
     return scipy.linalg.cho_factor(A, lower=True, overwrite_a=True, check_finite=False)
+
+
+def dense_bytes(n_frames: int, n_points: int, n_edges: int = 0) -> float:
+    """Bytes that the dense iteration takes at its peak: arrays of P x P, P x edges and 3F x P, as many as measured."""
+    return 8.0 * n_points * (11 * n_points + 8 * n_edges + 20 * 3 * n_frames)
