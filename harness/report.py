@@ -90,6 +90,27 @@ def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder:
     return written
 
 
+def draw_scaling(asked: Sequence[Answer], trials: Path, folder: Path) -> list[Path]:
+    """The figure of the experiment ``scaling``: one point a finished trial that kept its curves."""
+    from reports.figures import save
+    from reports.scaling import measured, scaling
+
+    found = []
+    for outcome in (run.outcome for _, run in asked if run):
+        path = trials / outcome.key / ARRAYS
+        if outcome.status != OK or not path.is_file():
+            continue
+        with np.load(path, allow_pickle=False) as stored:
+            seconds, operations = (stored[f"history_{name}"].tolist() for name in ("seconds", "operations"))
+        found.append(
+            measured(outcome.n_points or 0, outcome.n_frames or 0, seconds, operations, outcome.peak_mb or 0.0)
+        )
+    if not found:
+        return []
+    save(scaling(found), folder / "scaling.png")
+    return [folder / "scaling.png"]
+
+
 def renew(path: Path, built: Sequence[Table]) -> None:
     """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
 
@@ -150,7 +171,8 @@ def main(argv: Sequence[str]) -> int:
     if given.into:
         renew(given.into, built)
     if given.figures:
-        draw(found, settings.trials, folder / "figures")
+        draw({name: group for name, group in found.items() if name != "scaling"}, settings.trials, folder / "figures")
+        draw_scaling(found.get("scaling", []), settings.trials, folder / "figures")
     print(summary(built))
     print(f"Written to {folder}")
     lacking = [trial for group in found.values() for trial, run in group if run is None]

@@ -42,7 +42,8 @@ class Reconstruction:
     affinity : (P, P) array, sparse array or None
         What was clustered.
     history : mapping of str to (T,) array
-        Curves by iteration: ``objective`` and residuals.
+        Curves by iteration: ``objective``, residuals, and what the iteration took: ``seconds`` of all cores and
+        ``operations``.
     """
 
     labels: Labels | None = None

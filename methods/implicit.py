@@ -35,14 +35,16 @@ from methods.lagrangian import Problem, State
 from methods.spatial import Neighbours
 
 ENTRIES = 400  # of E, a track; see implicit_bytes
-BLOCK_BYTES = 8 << 20  # of Z at a time: as much as stays in the cache
+BLOCK_BYTES = 4 << 20  # of Z at a time: as much as stays in the cache
+GAP_ROWS = 2000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
 
 
-@dataclass(frozen=True)
+@dataclass
 class Code:
     """C = (A + L'R) G^-1: A (P, P) sparse, L and R (k, P), G of the neighbours (I without).
 
     ``M`` and ``V`` are this step's low-rank part V'M, and ``fixed`` is E D' of the E that it started from.
+    ``operations`` counts the multiplications and additions of its products.
     """
 
     A: sp.csr_array
@@ -52,6 +54,7 @@ class Code:
     V: Array
     M: Array
     fixed: sp.csr_array
+    operations: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -59,13 +62,18 @@ class Code:
 
     def apply(self, X: Array) -> Array:
         """C X for (P, m) columns."""
+        self._count(X.shape[1])
         Y = X if self.neighbours is None else self.neighbours.solve(X)
         return self.A @ Y + self.L.T @ (self.R @ Y)
 
     def apply_transposed(self, X: Array) -> Array:
         """C'X for (P, m) columns."""
+        self._count(X.shape[1])
         Y = self.A.T @ X + self.R.T @ (self.L @ X)
         return Y if self.neighbours is None else self.neighbours.solve(Y)
+
+    def _count(self, columns: int) -> None:
+        self.operations += 2.0 * columns * (self.A.nnz + 2 * self.L.size)
 
     def rows(self, at: slice) -> Array:
         """Rows of C, (m, P)."""
@@ -117,10 +125,9 @@ class ImplicitProblem(Problem):
 
         Directions of V that are fainter than the tolerance of the S-step are left out.
         """
-        b, U, P = state.b, state.Y3, state.S.shape[2]
-        s = U.b / b
-        V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
-        H = V + np.concatenate([state.Y2.reshape(-1, P), -state.Y4[None]]) / b
+        U = state.Y3
+        s = U.b / state.b
+        V, H = self.code_rows(state)
         fixed = state.E if self.neighbours is None else (state.E @ self.neighbours.D.T).tocsr()
         A = (fixed - s * U.drift).tocsr()
         Q, k = _leading(V, self.cg_tol)
@@ -210,9 +217,13 @@ class ImplicitProblem(Problem):
         }
 
     def code_gap(self, state: State) -> float:
-        """max |C D - E|."""
+        """max |C D - E| over at most ``GAP_ROWS`` rows, since all would cost as much as the rest of the iteration."""
+        step = -(-state.C.shape[0] // GAP_ROWS)
 
         def block(at: slice) -> float:
+            at = slice(-(-at.start // step) * step, at.stop, step)
+            if at.start >= at.stop:
+                return 0.0
             rows = state.C.rows(at)
             if self.neighbours is not None:
                 rows = self.neighbours.differences(rows)
@@ -235,6 +246,14 @@ class ImplicitProblem(Problem):
             Y3=Multiplier(C.V, C.M, (C.fixed - E).tocsr(), J, b),
             Y4=state.Y4 + b * gaps["affine"],
         )
+
+    def operations(self, state: State) -> float:
+        """Multiplications and additions of the iteration that led to a state, its lower orders left out."""
+        P, rank = state.S.shape[2], len(state.C.V)
+        rows, F = 3 * len(state.S) + 1, len(state.S)
+        code = 2.0 * rows**2 * P + 4.0 * rank * rows * P
+        stream = 2.0 * rank * P * P + 3.0 * P * P
+        return code + stream + state.C.operations + 12.0 * F * F * P
 
     def _map(self, work: Callable[[slice], Any], width: int) -> Iterator[Any]:
         """``work`` on blocks of rows, on as many threads as BLAS may use, one BLAS thread each."""
@@ -278,7 +297,7 @@ def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
     places = np.flatnonzero(above)
     values = Z.ravel()[places]
     values -= np.copysign(threshold, values)
-    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(above, axis=1))])
+    ends = np.searchsorted(places, np.arange(len(Z) + 1) * Z.shape[1])
     indices = places - np.repeat(np.arange(len(Z)) * Z.shape[1], np.diff(ends))
     return sp.csr_array((values, indices.astype(np.int32), ends), shape=Z.shape)
 

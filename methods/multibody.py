@@ -11,6 +11,7 @@ without a P x P array. :mod:`methods.rough` has the variant that runs by default
 
 from __future__ import annotations
 
+import time
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from methods.backend import largest, on_device, to_numpy
 from methods.base import (
     Array,
     Method,
@@ -76,6 +78,8 @@ class MultiBody(Method):
         In GB (2^30 bytes).
     precision : {"double", "single"}
         Of the implicit form. Single solves the S-step to 1e-5 and keeps no direction of S that is fainter.
+    device : str or None
+        Where the dense form computes, without the spatial term: None is numpy, ``cpu`` and ``cuda`` are PyTorch's.
     """
 
     provides = frozenset({"labels", "structure"})
@@ -99,6 +103,7 @@ class MultiBody(Method):
         form: str = "auto",
         dense_gb: float = 0.25,
         precision: str = "double",
+        device: str | None = None,
     ) -> None:
         self.l1 = l1
         self.l2 = l2
@@ -115,6 +120,7 @@ class MultiBody(Method):
         self.form = form
         self.dense_gb = dense_gb
         self.precision = precision
+        self.device = device
 
     def reconstruct(
         self,
@@ -134,8 +140,11 @@ class MultiBody(Method):
         state = problem.start(self.penalty)
         history: dict[str, list[float]] = defaultdict(list)
         for iteration in range(1, self.max_iter + 1):
+            start = time.process_time()
             state, gaps = problem.iterate(state)
-            residuals = {name: float(np.abs(gap).max()) for name, gap in gaps.items()}
+            history["seconds"].append(time.process_time() - start)
+            history["operations"].append(problem.operations(state))
+            residuals = {name: largest(gap) for name, gap in gaps.items()}
             history["objective"].append(problem.objective(state))
             for name, value in residuals.items():
                 history[name].append(value)
@@ -144,12 +153,12 @@ class MultiBody(Method):
             if max(residuals.values()) < self.tol:
                 break
             state = replace(state, b=min(self.max_penalty, self.growth * state.b))
-        code = np.abs(state.E[:, : tracks.shape[2]])
+        code = abs(to_numpy(state.E)[:, : tracks.shape[2]])
         affinity = code + code.T
         alone = np.zeros(tracks.shape[2], dtype=np.int64)
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed) if n_bodies > 1 else alone,
-            structure=state.S * data.scale,
+            structure=to_numpy(state.S) * data.scale,
             cameras=cameras,
             affinity=affinity,
             history={name: np.array(values) for name, values in history.items()},
@@ -177,7 +186,10 @@ class MultiBody(Method):
         neighbours = Neighbours(edges, P, self.spatial, dtype) if self.spatial else None
         if implicit:
             return ImplicitProblem(*printed, neighbours=neighbours, dtype=dtype, cg_tol=tol)
-        return SpatialProblem(*printed, neighbours=neighbours) if neighbours else Problem(*printed)
+        if neighbours:
+            return SpatialProblem(*printed, neighbours=neighbours)
+        W, cameras = on_device(W, self.device), on_device(cameras, self.device)
+        return Problem(W, cameras, self.l1, self.l2, self.diagonal)
 
     def _check_settings(self) -> None:
         if self.diagonal not in DIAGONALS:
@@ -193,6 +205,8 @@ class MultiBody(Method):
         for name, words in (("form", FORMS), ("precision", tuple(PRECISIONS))):
             if getattr(self, name) not in words:
                 raise MethodError(f"method.{name} is {getattr(self, name)!r}, wanted one of {', '.join(words)}")
+        if self.device is not None and (self.period is not None or self.spatial or self.form != "dense"):
+            raise MethodError("method.device goes with method.period=null, method.form=dense and method.spatial=0")
         if self.form == "implicit" and self.diagonal != "threshold":
             raise MethodError("method.form=implicit keeps the diagonal by method.diagonal=threshold alone")
         for name in ("spatial", "dense_gb"):

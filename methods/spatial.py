@@ -109,10 +109,8 @@ class SpatialProblem(Problem):
 
     def code_step(self, state: State) -> Array:
         """C of eq. (20): (S'S + 11') C + C G = S'S + S'Y2/b + 11' - 1 Y4/b + (E - Y3/b) D'."""
-        P, b = state.C.shape[0], state.b
-        V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
-        H = V + np.concatenate([state.Y2.reshape(-1, P), -state.Y4[None]]) / b
-        return self.solve_code(V, H, self.neighbours.gather(state.E - state.Y3 / b))
+        V, H = self.code_rows(state)
+        return self.solve_code(V, H, self.neighbours.gather(state.E - state.Y3 / state.b))
 
     def solve_code(self, V: Array, H: Array, N: Array) -> Array:
         """C of V'V C + C G = V'H + N for V, H (r, P) and N (P, P).
