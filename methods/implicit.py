@@ -168,20 +168,27 @@ class ImplicitProblem(Problem):
         b, C = state.b, state.C
         F, _, P = state.S.shape
         Q = axes(self.cameras)
-        through = state.Y2 - _shaped(C.apply(_columns(state.Y2).astype(self.dtype)), F)
-        rhs = Q @ (state.shape + (state.Y1 - through) / b)
-        rhs[:, :2] += self.W / b
         X = Q @ state.S
-        left = rhs - (X + _shaped(self._normal(C, _columns(X).astype(self.dtype)), F))
+        wanted = Q @ (state.shape + state.Y1 / b)
+        wanted[:, :2] += self.W / b
+        through = X - self._product(C.apply_transposed, X) + Q @ state.Y2 / b
+        left = wanted - X - through + self._product(C.apply, through)
         left[:, :2] -= X[:, :2] / b
         for rows, shift in ((slice(0, 2), 1 + 1 / b), (slice(2, 3), 1.0)):
             flat = left[:, rows].reshape(-1, P)
-            allowed = self.cg_tol * float(np.linalg.norm(rhs[:, rows]))
+            allowed = self.cg_tol * float(np.linalg.norm(wanted[:, rows]))
             basis = _leading(flat, 0.3 * allowed / (float(np.linalg.norm(flat)) or 1.0))[0]
             few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
             solved = self._conjugate_gradients(C, few, shift, allowed)
             X[:, rows] += (basis @ solved.T).reshape(F, -1, P)
         return Q.transpose(0, 2, 1) @ X
+
+    def _product(self, product: Callable[[Array], Array], X: Array) -> Array:
+        """X C or X C' for (F, 3, P) trajectories, by the leading directions of their 3F rows."""
+        flat = X.reshape(-1, X.shape[2])
+        basis = _leading(flat, 0.3 * self.cg_tol)[0]
+        few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
+        return (basis @ product(few).T.astype(float)).reshape(X.shape)
 
     def _normal(self, C: Code, X: Array) -> Array:
         """(I - C)(I - C)' X for (P, m) columns."""
@@ -206,14 +213,12 @@ class ImplicitProblem(Problem):
 
     def gaps(self, state: State) -> dict[str, Array]:
         """S# - g(S), S - S C, the largest entry of C D - E, and 1'C - 1'."""
-        F, _, P = state.S.shape
-        columns = np.concatenate([_columns(state.S), np.ones((P, 1))], axis=1).astype(self.dtype)
-        through = state.C.apply_transposed(columns).astype(float)
+        ones = np.ones((state.S.shape[2], 1), dtype=self.dtype)
         return {
             "shape": state.shape - state.S,
-            "expression": state.S - _shaped(through[:, :-1], F),
+            "expression": state.S - self._product(state.C.apply_transposed, state.S),
             "code": np.array(self.code_gap(state)),
-            "affine": through[:, -1] - 1,
+            "affine": state.C.apply_transposed(ones)[:, 0].astype(float) - 1,
         }
 
     def code_gap(self, state: State) -> float:
@@ -305,22 +310,12 @@ def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
 def _leading(rows: Array, tol: float) -> tuple[Array, Array]:
     """Orthonormal Q (m, k) with |rows - Q Q'rows| <= tol |rows|, and the squares of the singular values kept.
 
-    By the m x m Gram matrix, whose rounding hides what is under 1e-8 of the largest: a smaller tol keeps nearly all.
+    By the m x m Gram matrix, whose rounding hides what is under 1e-8 of the largest: a smaller tol keeps all.
     """
     k, Q = scipy.linalg.eigh(rows @ rows.T, check_finite=False)
     k = np.maximum(k, 0)
-    start = int(np.searchsorted(np.cumsum(k), tol**2 * k.sum(), side="right"))
+    start = int(np.searchsorted(np.cumsum(k), tol**2 * k.sum(), side="right")) if tol > 1e-8 else 0
     return Q[:, start:], k[start:]
-
-
-def _columns(S: Array) -> Array:
-    """(P, 3F) of (F, 3, P)."""
-    return np.ascontiguousarray(S.reshape(-1, S.shape[2]).T)
-
-
-def _shaped(columns: Array, F: int) -> Array:
-    """(F, 3, P) of (P, 3F), in float64."""
-    return np.ascontiguousarray(columns.T, dtype=float).reshape(F, -1, len(columns))
 
 
 def implicit_bytes(n_frames: int, n_points: int, n_edges: int, size: int) -> float:

@@ -79,4 +79,4 @@ def test_leading_directions_leave_out_no_more_than_they_may(rng: np.random.Gener
     np.testing.assert_allclose(Q.T @ Q, np.eye(5), atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(Q.T @ rows, axis=1) ** 2, k)
     assert np.linalg.norm(rows - Q @ (Q.T @ rows)) <= 1e-3 * np.linalg.norm(rows)
-    assert _leading(rows, 1e-7)[0].shape == (12, 12)
+    assert _leading(rows[:, :3], 0.0)[0].shape == (12, 12)
