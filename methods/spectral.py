@@ -45,7 +45,10 @@ def spectral_clustering(affinity: Array, n_clusters: int, *, restarts: int = 20,
 
 
 def embedding(affinity: Array, n_vectors: int) -> Array:
-    """Rows of the ``n_vectors`` leading eigenvectors of D^-1/2 A D^-1/2, each scaled to unit length."""
+    """Rows of the ``n_vectors`` leading eigenvectors of D^-1/2 A D^-1/2, each scaled to unit length.
+
+    Steps 2 to 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001; D holds the row sums of A, whose diagonal is zero.
+    """
     A = affinity - np.diag(np.diag(affinity))
     n = len(A)
     root = 1 / np.sqrt(np.maximum(A.sum(axis=1), np.finfo(float).tiny ** 0.5))
