@@ -20,7 +20,7 @@ from harness.record import FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
 from methods.base import NO_CAMERAS, Array, MethodError, Reconstruction
 from methods.registry import build_method
-from methods.rotation import RANK, estimate_cameras
+from methods.rotation import estimate_cameras
 
 EXPECTED = (DatasetError, MethodError, UsageError)
 
@@ -91,7 +91,8 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
 
 def _cameras(scene: Scene, trial: Trial) -> Array:
     if trial.cameras["source"] != "known":
-        return estimate_cameras(scene.tracks, trial.cameras.get("rank", RANK))
+        options = {name: trial.cameras[name] for name in ("rank", "start", "refine") if name in trial.cameras}
+        return estimate_cameras(scene.tracks, **options)
     if scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     return scene.cameras
