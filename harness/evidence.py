@@ -7,13 +7,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.experiments import Settings, compose_jobs, read
 from harness.record import OK
-from harness.storage import ARRAYS
+from harness.storage import ARRAYS, unpack
 from harness.tracking import Tracked, Tracker
-from reports.tables import other_scene
+from reports.grid import scene_words
 
 
 class Arrays:
@@ -29,18 +28,18 @@ class Arrays:
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         self._read = lru_cache(maxsize=256)(self._load)
 
-    def __call__(self, run: Any) -> dict[str, NDArray[Any]]:
+    def __call__(self, run: Any) -> dict[str, Any]:
         """The arrays of a tracked run by name, empty if it left none."""
         return self._read(run.outcome.key, run.run_id) if run.outcome.status == OK else {}
 
-    def _load(self, key: str, run_id: str) -> dict[str, NDArray[Any]]:
+    def _load(self, key: str, run_id: str) -> dict[str, Any]:
         path = self._settings.trials / key / ARRAYS
         if not path.is_file():
             path = self._settings.output / "fetched" / run_id / ARRAYS
             if not path.is_file() and not self._tracker.fetch(run_id, ARRAYS, path.parent):
                 return {}
         with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
+            return unpack(stored)
 
 
 def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Tracked]:
@@ -53,5 +52,5 @@ def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Track
         if run.outcome.status == OK
         and not run.outcome.stand_in
         and run.outcome.parameters.get("method") == wanted.get(run.outcome.method)
-        and not other_scene(run.outcome.parameters.get("dataset", {}))
+        and not scene_words(run.outcome.parameters.get("dataset", {}))
     ]

@@ -10,10 +10,12 @@ from typing import TypeVar
 
 from harness.curves import thinned
 from harness.record import OK, Outcome
+from reports.affinity import picture
 from reports.charts import Chart, Panel, Series
 from reports.grid import Answer, Tracked
 from reports.layouts import LABELS, layout
-from reports.runs import Fetch, sorted_affinity
+from reports.runs import Fetch
+from reports.scaling import measured, scaling
 from reports.text import one_line
 
 T = TypeVar("T")
@@ -119,7 +121,7 @@ def affinities(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
             arrays, outcome = fetch(pair[method]), pair[method].outcome
             if "affinity" not in arrays:
                 continue
-            A, edges = sorted_affinity(arrays["affinity"], arrays.get("true_labels"))
+            A, edges = picture(arrays["affinity"], arrays.get("true_labels"))
             between = outcome.metrics.get("affinity_between")
             said = f", {100 * between:.0f} % between" if between is not None else ""
             yield Panel(f"{_name_of(scene)}: {_label(method)}{said}", "track", "track", (), A, tuple(map(int, edges)))
@@ -157,6 +159,17 @@ def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
         if series:
             wide_x, wide_y = (_wide([v for s in series for v in getattr(s, axis)]) for axis in "xy")
             yield Panel(title, "tracks × frames", unit, tuple(series), log_x=wide_x, log_y=wide_y)
+
+
+def scales(runs: Runs, fetch: Fetch) -> Iterable[Panel]:
+    """Time, operations and memory of an iteration against the size of the scene."""
+    found = []
+    for run in runs:
+        arrays, o = fetch(run), run.outcome
+        if {"history_seconds", "history_operations"} <= arrays.keys():
+            seconds, operations = (arrays[f"history_{name}"].tolist() for name in ("seconds", "operations"))
+            found.append(measured(o.n_points or 0, o.n_frames or 0, seconds, operations, o.peak_mb or 0.0))
+    return scaling(found)
 
 
 def _wide(values: Sequence[float]) -> bool:
@@ -218,6 +231,14 @@ FIGURES: tuple[Figure, ...] = (
         "part the bodies. In the titles, the share of the affinity between bodies.",
         ("table1",),
         affinities,
+    ),
+    Figure(
+        "cost",
+        "Time and memory of an iteration",
+        "Each point is a trial, double logarithmic; exponents are those of the larger half of the sizes. A dense "
+        "iteration's operations and a dense P x P array stand beside.",
+        ("scaling",),
+        scales,
     ),
     Figure("frames", "3D error by frame", "e_3D of each frame.", ("table2", "table3"), by_frame),
     Figure(

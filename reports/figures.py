@@ -8,14 +8,18 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import scipy.sparse as sp
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from harness.record import Outcome
+from reports.affinity import picture
 from reports.labels import matched
 from reports.style import COLOURS, GREY, WRONG
+
+DRAWN = 3000  # points of a dense scene
 
 
 def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | None = None) -> Figure:
@@ -25,7 +29,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     ----------
     arrays : mapping
         The contents of a trial's ``arrays.npz``: ``tracks`` (F, 2, P), and where the method gave them
-        ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P).
+        ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P), which may be sparse.
     outcome : Outcome
     frame : int, optional
         The frame drawn; the middle one by default.
@@ -35,6 +39,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     matplotlib.figure.Figure
     """
     tracks = arrays["tracks"]
+    some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))  # all, unless there are more
     frame = len(tracks) // 2 if frame is None else frame
     truth = arrays.get("true_labels")
     labels = matched(arrays["labels"], truth) if "labels" in arrays else None
@@ -46,9 +51,11 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     ]
     for axes, name in zip(row, panels, strict=True):
         if name == "tracks":
-            _tracks(axes, tracks, frame)
+            _tracks(axes, tracks[:, :, some], frame)
         elif name == "structure":
-            _structure(axes, arrays, frame, labels, truth)
+            shapes = {key: arrays[key][:, :, some] for key in ("structure", "true_structure") if key in arrays}
+            shapes |= {key: arrays[key] for key in ("alignment",) if key in arrays}
+            _structure(axes, shapes, frame, *(None if x is None else x[some] for x in (labels, truth)))
         else:
             _affinity(axes, arrays["affinity"], truth)
     figure.suptitle(_title(outcome), fontsize=11)
@@ -100,13 +107,11 @@ def _structure(
     axes.set(title="structure over the truth (circles)", aspect="equal", xticklabels=[], yticklabels=[], zticklabels=[])
 
 
-def _affinity(axes: Axes, affinity: NDArray[Any], truth: NDArray[Any] | None) -> None:
-    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(len(affinity))
-    A = affinity[np.ix_(order, order)]
-    top = np.quantile(A[A > 0], 0.98) if (A > 0).any() else 1
-    axes.imshow(np.minimum(A, top), cmap="Greys", interpolation="nearest")
-    if truth is not None:
-        for edge in np.flatnonzero(np.diff(truth[order])) + 0.5:
-            axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
-            axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
+def _affinity(axes: Axes, affinity: NDArray[Any] | sp.sparray, truth: NDArray[Any] | None) -> None:
+    A, edges = picture(affinity, truth)
+    n = affinity.shape[0]
+    axes.imshow(A, cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
+    for edge in edges * n / len(A) - 0.5:
+        axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
+        axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")

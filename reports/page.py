@@ -71,9 +71,10 @@ def page(
 
 
 def totals(tables: Sequence[Table]) -> dict[str, int]:
-    """Published numbers of all tables by verdict; ``not judged`` for the rest."""
-    counts = {verdict.value: sum(t.verdicts[verdict] for t in tables) for verdict in list(Verdict)[:3]}
-    return counts | {"not judged": sum(table.published for table in tables) - sum(counts.values())}
+    """Published numbers of all tables but studies by verdict; ``not judged`` for the rest."""
+    claiming = [table for table in tables if not table.study]
+    counts = {verdict.value: sum(t.verdicts[verdict] for t in claiming) for verdict in list(Verdict)[:3]}
+    return counts | {"not judged": sum(table.published for table in claiming) - sum(counts.values())}
 
 
 def script_json(data: Any) -> Markup:

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from harness.curves import thinned
 from harness.record import Outcome
+from reports.affinity import picture
 from reports.grid import Tracked
 from reports.labels import matched
 from reports.model import Run
 from reports.text import one_line
 
-Arrays = Mapping[str, NDArray[Any]]
-#: Gives the arrays that a run left, empty if it left none.
+Arrays = Mapping[str, Any]
+#: Gives the arrays that a run left, affinities perhaps sparse; empty if it left none.
 Fetch = Callable[[Tracked], Arrays]
 
 BUDGET = 6 << 20
@@ -33,8 +34,6 @@ FRAMES = 100
 """Frames of a sequence that the 3D view plays at most; evenly taken."""
 POINTS = 1000
 """Points that it shows at most; evenly taken."""
-MATRIX = 400
-"""Rows of an affinity that a page shows at most."""
 
 
 @dataclass
@@ -170,28 +169,8 @@ def _view(arrays: Arrays, n_frames: int, blobs: Blobs) -> dict[str, Any]:
 
 
 def _affinity(arrays: Arrays, blobs: Blobs) -> dict[str, Any]:
-    """The affinity with tracks sorted by body, the largest 2 % cut, and where bodies end."""
-    A, edges = sorted_affinity(arrays["affinity"], arrays.get("true_labels"))
-    keep = np.unique(np.linspace(0, len(A) - 1, min(len(A), MATRIX)).round().astype(int))
-    return {
-        "matrix": blobs.add(A[np.ix_(keep, keep)], "uint8"),
-        "edges": [int(np.searchsorted(keep, edge)) for edge in edges],
-    }
-
-
-def sorted_affinity(
-    affinity: NDArray[Any], truth: NDArray[Any] | None
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """An affinity (P, P) as spectral clustering sees it, D^-1/2 A D^-1/2, its largest 2 % cut, the tracks of each body
-    together; and the first track of each body but the first."""
-    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(len(affinity))
-    A = np.asarray(affinity, float)[np.ix_(order, order)]
-    degrees = A.sum(axis=1)
-    weights = np.divide(1, np.sqrt(degrees), out=np.zeros_like(degrees), where=degrees > 0)
-    A = weights[:, None] * A * weights
-    top = np.quantile(A[A > 0], 0.98) if (A > 0).any() else 1.0
-    edges = np.flatnonzero(np.diff(truth[order])) + 1 if truth is not None else np.empty(0, int)
-    return np.clip(A, 0, top), edges
+    A, edges = picture(arrays["affinity"], arrays.get("true_labels"))
+    return {"matrix": blobs.add(A, "uint8"), "edges": edges.tolist()}
 
 
 def _points(steps: NDArray[Any], values: NDArray[Any]) -> dict[str, list[float]]:

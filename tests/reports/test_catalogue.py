@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from reports.affinity import picture
 from reports.catalogue import FIGURES, charts
 from reports.charts import Chart
 from reports.drawing import chart_figure
 from reports.figures import save
-from reports.runs import Blobs, sorted_affinity
+from reports.runs import Blobs
 from reports.style import look
 from tests.reports.conftest import Tracked, make_answer
 
@@ -84,11 +85,11 @@ def test_affinities_stand_in_pairs_sorted_by_body() -> None:
 def test_normalised_affinity_has_the_rows_of_spectral_clustering(rng: np.random.Generator) -> None:
     A = rng.random((6, 6))
     A = A + A.T
-    normal, _ = sorted_affinity(A, None)
+    normal, _ = picture(A, None)
     D = np.diag(A.sum(axis=1) ** -0.5)
     expected = D @ A @ D
     np.testing.assert_allclose(normal, np.minimum(expected, np.quantile(expected, 0.98)))
-    assert np.isfinite(sorted_affinity(np.zeros((3, 3)), None)[0]).all()
+    assert np.isfinite(picture(np.zeros((3, 3)), None)[0]).all()
 
 
 def test_looks_differ() -> None:
