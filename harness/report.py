@@ -13,7 +13,7 @@ from harness.arguments import Parser
 from harness.record import OK, UsageError
 from harness.storage import ARRAYS, write_atomically
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS, console, glance
+from reports.writers import FORMATS, console, glance, overview
 
 
 def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
@@ -75,7 +75,7 @@ def _write(path: Path, text: str) -> None:
 
 def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder: Path) -> list[Path]:
     """One figure a finished trial that gave a structure: image, reconstruction, affinity."""
-    from reports.figures import overview, save
+    from reports import figures
 
     written = []
     for run in {run.run_id: run for group in answers_by_table.values() for _, run in group if run}.values():
@@ -83,15 +83,21 @@ def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder:
         if "e_3d" not in run.outcome.metrics or not path.is_file():
             continue
         with np.load(path, allow_pickle=False) as stored:
-            figure = overview(dict(stored), run.outcome)
+            figure = figures.overview(dict(stored), run.outcome)
         noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
         written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
-        save(figure, written[-1])
+        figures.save(figure, written[-1])
     return written
+
+
+OVERVIEW = "overview"
 
 
 def renew(path: Path, built: Sequence[Table]) -> None:
     """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
+
+    Between the marks of ``overview`` stands how many published numbers each of the tables reproduces; a document that
+    has them need not hold the tables.
 
     Raises
     ------
@@ -99,12 +105,16 @@ def renew(path: Path, built: Sequence[Table]) -> None:
         If the document lacks a table's marks.
     """
     text = path.read_text(encoding="utf-8")
-    for table in built:
-        start, end = f"<!-- {table.name} -->\n", f"<!-- end {table.name} -->"
+    parts = {table.name: f"{table.summary}\n\n{glance(table)}" for table in built}
+    if f"<!-- {OVERVIEW} -->" in text:
+        parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text}
+        parts[OVERVIEW] = overview(built)
+    for name, part in parts.items():
+        start, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
         if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
             raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
         head, _, rest = text.partition(start)
-        text = f"{head}{start}{table.summary}\n\n{glance(table)}{end}{rest.partition(end)[2]}"
+        text = f"{head}{start}{part}{end}{rest.partition(end)[2]}"
     write_atomically(path, lambda handle: handle.write(text.encode()))
 
 
