@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datasets import hopkins, mocap, procedural, sources
+from datasets import garg, hopkins, mocap, procedural, sources
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 
@@ -19,7 +19,7 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (mocap, mocap_body, procedural, hopkins155), ``name``, and the source's own settings; see
+        ``source`` (mocap, mocap_body, procedural, hopkins155, garg), ``name``, and the source's own settings; see
         ``conf/dataset``.
     folder : Path
         The data folder.
@@ -109,12 +109,29 @@ def _hopkins_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return sources.sha256(hopkins.path(folder, settings["scene"]))
 
 
+def _garg(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return garg.load_scene(
+        folder,
+        settings["sequence"],
+        name=settings["name"],
+        points=settings["points"],
+        frames=settings["frames"],
+        neighbours=settings["neighbours"],
+        fields=settings["fields"],
+    )
+
+
+def _garg_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(garg.path(folder, settings["sequence"]))
+
+
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
     "mocap_body": (_mocap_body, _mocap_body_digest),
     "procedural": (_procedural, _procedural_digest),
     "hopkins155": (_hopkins, _hopkins_digest),
+    "garg": (_garg, _garg_digest),
 }
 
 

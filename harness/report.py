@@ -11,9 +11,9 @@ import numpy as np
 from harness.answers import answers
 from harness.arguments import Parser
 from harness.record import OK, UsageError
-from harness.storage import ARRAYS, write_atomically
+from harness.storage import ARRAYS, unpack, write_atomically
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS, console, glance, overview
+from reports.writers import FORMATS, console, glance, tally
 
 
 def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
@@ -75,7 +75,7 @@ def _write(path: Path, text: str) -> None:
 
 def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder: Path) -> list[Path]:
     """One figure a finished trial that gave a structure: image, reconstruction, affinity."""
-    from reports import figures
+    from reports.figures import overview, save
 
     written = []
     for run in {run.run_id: run for group in answers_by_table.values() for _, run in group if run}.values():
@@ -83,20 +83,41 @@ def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder:
         if "e_3d" not in run.outcome.metrics or not path.is_file():
             continue
         with np.load(path, allow_pickle=False) as stored:
-            figure = figures.overview(dict(stored), run.outcome)
+            figure = overview(unpack(stored), run.outcome)
         noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
         written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
-        figures.save(figure, written[-1])
+        save(figure, written[-1])
     return written
 
 
-OVERVIEW = "overview"
+def draw_scaling(asked: Sequence[Answer], trials: Path, folder: Path) -> list[Path]:
+    """The figure of the experiment ``scaling``: one point a finished trial that kept its curves."""
+    from reports.figures import save
+    from reports.scaling import measured, scaling
+
+    found = []
+    for outcome in (run.outcome for _, run in asked if run):
+        path = trials / outcome.key / ARRAYS
+        if outcome.status != OK or not path.is_file():
+            continue
+        with np.load(path, allow_pickle=False) as stored:
+            seconds, operations = (stored[f"history_{name}"].tolist() for name in ("seconds", "operations"))
+        found.append(
+            measured(outcome.n_points or 0, outcome.n_frames or 0, seconds, operations, outcome.peak_mb or 0.0)
+        )
+    if not found:
+        return []
+    save(scaling(found), folder / "scaling.png")
+    return [folder / "scaling.png"]
+
+
+TALLY = "tally"
 
 
 def renew(path: Path, built: Sequence[Table]) -> None:
     """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
 
-    Between the marks of ``overview`` stands how many published numbers each of the tables reproduces; a document that
+    Between the marks of ``tally`` stands how many published numbers each of the tables reproduces; a document that
     has them need not hold the tables.
 
     Raises
@@ -106,9 +127,9 @@ def renew(path: Path, built: Sequence[Table]) -> None:
     """
     text = path.read_text(encoding="utf-8")
     parts = {table.name: f"{table.summary}\n\n{glance(table)}" for table in built}
-    if f"<!-- {OVERVIEW} -->" in text:
+    if f"<!-- {TALLY} -->" in text:
         parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text}
-        parts[OVERVIEW] = overview(built)
+        parts[TALLY] = tally(built)
     for name, part in parts.items():
         start, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
         if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
@@ -160,7 +181,8 @@ def main(argv: Sequence[str]) -> int:
     if given.into:
         renew(given.into, built)
     if given.figures:
-        draw(found, settings.trials, folder / "figures")
+        draw({name: group for name, group in found.items() if name != "scaling"}, settings.trials, folder / "figures")
+        draw_scaling(found.get("scaling", []), settings.trials, folder / "figures")
     print(summary(built))
     print(f"Written to {folder}")
     lacking = [trial for group in found.values() for trial, run in group if run is None]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
@@ -38,16 +39,17 @@ class Reconstruction:
         Points over time in the units of the tracks, centred per frame.
     cameras : (F, 2, 3) array or None
         The cameras that the structure was made with.
-    affinity : (P, P) array or None
+    affinity : (P, P) array, sparse array or None
         What was clustered.
     history : mapping of str to (T,) array
-        Curves by iteration: ``objective`` and residuals.
+        Curves by iteration: ``objective``, residuals, and what the iteration took: ``seconds`` of all cores and
+        ``operations``.
     """
 
     labels: Labels | None = None
     structure: Array | None = None
     cameras: Array | None = None
-    affinity: Array | None = None
+    affinity: Array | sp.sparray | None = None
     history: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -95,6 +97,14 @@ class Method(BaseEstimator):
         MethodError
             If shapes do not fit or the method cannot do what is asked.
         """
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float | None:
+        """Bytes that :meth:`reconstruct` is going to take at its peak, foreseen from the sizes; None if not known."""
+        return None
+
+
+def no_edges() -> NDArray[np.int64]:
+    return np.zeros((0, 2), dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -150,9 +160,10 @@ def check_cameras(cameras: Array, n_frames: int) -> None:
         raise MethodError("camera rows are not orthonormal")
 
 
-def check_bodies(n_bodies: int, n_points: int) -> None:
+def check_bodies(n_bodies: int, n_points: int, least: int = 2) -> None:
     """Raise MethodError unless tracks can be told apart into that many bodies."""
-    if not 2 <= n_bodies <= n_points:
+    if not least <= n_bodies <= n_points:
         raise MethodError(
-            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs 2 to {n_points} bodies"
+            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs {least} to {n_points} "
+            "bodies"
         )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from methods.backend import namespace
 from methods.base import Array
 
 
@@ -12,4 +11,6 @@ def axes(cameras: Array) -> Array:
 
     In these axes R'R of W = R S (Kumar, Dai, Li, 3DV 2016, eq. 1) is diag(1, 1, 0): image rows and depth rows decouple.
     """
-    return np.concatenate([cameras, np.cross(cameras[:, 0], cameras[:, 1])[:, None]], axis=1)
+    xp = namespace(cameras)
+    across = xp.linalg.cross(cameras[:, 0, :], cameras[:, 1, :])
+    return xp.concat([cameras, xp.reshape(across, (-1, 1, 3))], axis=1)

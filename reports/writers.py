@@ -45,9 +45,9 @@ def glance(table: Table) -> str:
     return _render(_MARKDOWN, "glance.md.j2", table)
 
 
-def overview(tables: Sequence[Table]) -> str:
+def tally(tables: Sequence[Table]) -> str:
     """How many published numbers each table reproduces, in GitHub Markdown; studies claim nothing and are left out."""
-    return _MARKDOWN.get_template("overview.md.j2").render(tables=[table for table in tables if not table.study])
+    return _MARKDOWN.get_template("tally.md.j2").render(tables=[table for table in tables if not table.study])
 
 
 def tex_paper(table: Table) -> str:

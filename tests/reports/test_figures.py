@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from datasets.scene import Scene
 from harness.record import Outcome, UsageError
 from harness.report import renew
-from reports.figures import COLOURS, _matched, overview, save
+from reports.figures import COLOURS, _binned, _matched, overview, save
 from reports.model import Verdict
 from reports.tables import build
 
@@ -58,6 +59,21 @@ def test_absent_parts_are_not_drawn(arrays: dict[str, np.ndarray], outcome: Outc
     assert len(overview(blind, outcome).axes) == 3
 
 
+def test_a_sparse_affinity_is_drawn_as_the_dense_one(arrays: dict[str, np.ndarray], outcome: Outcome) -> None:
+    images = [
+        overview(arrays | {"affinity": affinity}, outcome).axes[2].images[0].get_array()
+        for affinity in (arrays["affinity"], sp.csr_array(arrays["affinity"]))
+    ]
+    np.testing.assert_allclose(images[1], images[0])
+
+
+def test_a_large_affinity_is_summed_over_cells() -> None:
+    pairs = (np.array([0, 999, 999]), np.array([1, 0, 998]))
+    image = _binned(sp.coo_array((np.array([2.0, 3.0, 4.0]), pairs), shape=(1000, 1000)), np.arange(1000)[::-1])
+    assert image.shape == (400, 400) and image.sum() == 9
+    assert (image[399, 399], image[0, 399], image[0, 0]) == (2, 3, 4)
+
+
 def test_clusters_take_the_names_of_their_bodies() -> None:
     truth = np.repeat([0, 1], 5)
     assert (_matched(1 - truth, truth) == truth).all()
@@ -94,10 +110,10 @@ def test_tables_are_renewed_between_their_marks(tmp_path: Path) -> None:
         renew(path, [table])
 
 
-def test_the_overview_counts_what_was_reproduced(tmp_path: Path, table1_answers: list[Any]) -> None:
+def test_the_tally_counts_what_was_reproduced(tmp_path: Path, table1_answers: list[Any]) -> None:
     table, study = build("table1", table1_answers), build("rank_study", [])
     path = tmp_path / "page.md"
-    path.write_text("<!-- overview -->\n<!-- end overview -->\n<!-- rank_study -->\n<!-- end rank_study -->\n")
+    path.write_text("<!-- tally -->\n<!-- end tally -->\n<!-- rank_study -->\n<!-- end rank_study -->\n")
     renew(path, [table, study])
     text = path.read_text()
     reproduced, better, worse = (table.verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
