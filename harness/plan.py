@@ -45,7 +45,7 @@ def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
     planned = []
     for trial, settings in trials:
         key, reason = identify(trial, settings)
-        planned.append(Planned(trial, key, reason, read_record(settings.trials / key)))
+        planned.append(Planned(trial, key, str(reason or ""), read_record(settings.trials / key)))
     return planned, trials[0][1]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-OK, FAILED, CRASHED, TIMEOUT, OOM = STATUSES = ("ok", "failed", "crashed", "timeout", "oom")
+OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
 
 
 class UsageError(ValueError):
@@ -66,7 +66,8 @@ class Outcome:
     """What a trial left behind; the contents of its ``result.json``.
 
     ``metrics`` holds finite numbers alone: a metric that does not apply is left out, never null or 0.
-    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom.
+    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom, absent (the data are not
+    there; ``error`` says how to get them).
     """
 
     key: str

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from datasets.body import DatasetError
+from datasets.body import DatasetError, MissingData
 from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
-from harness.record import FAILED, OK, Outcome, Trial, UsageError
+from harness.record import ABSENT, FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
 from methods.base import NO_CAMERAS, Array, MethodError, Reconstruction
 from methods.registry import build_method
@@ -26,7 +26,7 @@ EXPECTED = (DatasetError, MethodError, UsageError)
 
 
 def work(trial: Trial, blank: Outcome, data: Path, stand_in: bool, folder: Path) -> None:
-    """Carry out a trial and leave its record in ``folder``; an exception becomes a record of status failed."""
+    """Carry out a trial and leave its record in ``folder``; an exception becomes a record that says so."""
     start = time.perf_counter()
     try:
         outcome, arrays = compute(trial, blank, data, stand_in)
@@ -38,7 +38,8 @@ def work(trial: Trial, blank: Outcome, data: Path, stand_in: bool, folder: Path)
         if not isinstance(error, EXPECTED):
             text = f"{type(error).__name__}: {text}"
             (folder / TRACEBACK).write_text(traceback.format_exc())
-        outcome = replace(blank, status=FAILED, error=text[:2000])
+        status = ABSENT if isinstance(error, MissingData) else FAILED
+        outcome = replace(blank, status=status, error=text[:2000])
     outcome = replace(outcome, seconds=round(time.perf_counter() - start, 4), peak_mb=round(peak_mb(), 1))
     write_record(folder, outcome)
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from harness.record import OK, UsageError
+from harness.record import ABSENT, OK, UsageError
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
 from reports.layouts import LABELS, Layout, Method, Metric, layout
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
@@ -169,6 +169,8 @@ def _missing(run: Tracked | None, metric: Metric) -> str:
     if run is None:
         return "not run"
     outcome = run.outcome
+    if outcome.status == ABSENT:
+        return ABSENT
     if outcome.status != OK:
         error = one_line(outcome.error)
         return f"{outcome.status}: {error}" if error else outcome.status

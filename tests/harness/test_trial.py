@@ -92,7 +92,7 @@ def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> 
 def test_absent_sequence_is_a_row_that_says_how_to_get_it(settings: Settings) -> None:
     trial = expand(["dataset=dance_yoga", "method=edsc"])[0][0]
     outcome, _ = execute(trial, settings)
-    assert outcome.status == "failed"
+    assert outcome.status == "absent"
     assert "dance.mat is not there" in outcome.error
     assert "harness data get" in outcome.error
     assert "\n" not in outcome.error
