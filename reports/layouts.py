@@ -131,6 +131,12 @@ ROUGH = (
 )
 
 
+ROOM = (
+    "People stand where they were captured, and one orthographic camera circles them at 5 degrees a frame. Takes are "
+    "thinned to at most 400 frames. The paper does not say which frames and camera it used on UMPM."
+)
+
+
 @dataclass(frozen=True)
 class Method:
     """A method's place in a table: ``heading`` is its LaTeX head in the paper's own table, "" for a column of ours.
@@ -255,6 +261,33 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             points="table1",
             joiner=" + ",
             notes=(SHARE, ROUGH),
+        ),
+        "table3": Layout(
+            title="Table 3",
+            caption="Quantitative results on the UMPM dataset. The rotations were obtained using the BMM method "
+            "(K = 11).",
+            methods=(
+                Method("bmm_ssc3d", "BMM + SSC (3D)"),
+                Method("bmm_ssc3d_share70"),
+                Method("ssc2d_bmm", "SSC(2D) + BMM"),
+                Method("ssc2d_bmm_share70"),
+                Method("ours", "Our Method"),
+                Method("ours_printed"),
+            ),
+            source="table3",
+            notes=(SHARE, ROUGH, ROOM),
+        ),
+        "two_person": Layout(
+            title="Two dancers",
+            caption="Two people who dance with each other, placed as captured: reconstruction and segmentation.",
+            methods=tuple(
+                Method(name)
+                for name in (
+                    *("bmm_ssc3d", "bmm_ssc3d_share70", "ssc2d_bmm", "ssc2d_bmm_share70"),
+                    *("ssc2d", "ssc2d_share70", "edsc", "bmm", "ours", "ours_printed"),
+                )
+            ),
+            notes=(SHARE, ROUGH, ROOM),
         ),
         "single_body": Layout(
             title="Single bodies",

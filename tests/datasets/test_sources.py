@@ -115,8 +115,8 @@ def test_catalogue_is_whole_and_pinned() -> None:
         assert path == file.path
         assert re.fullmatch(r"[0-9a-f]{64}", file.sha256)
         assert file.size > 0 and file.terms and file.source
-        assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/.+\.mat$", file.url)
-    assert Counter(f.group for f in sources.CATALOGUE.values()) == {"mocap": 9, "hopkins155": 155}
+        assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/.+\.(mat|c3d)$", file.url)
+    assert Counter(f.group for f in sources.CATALOGUE.values()) == {"mocap": 9, "c3d": 1, "hopkins155": 155}
 
 
 def test_catalogue_holds_all_files_of_the_sequences() -> None:
