@@ -19,7 +19,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from harness.record import Trial, UsageError
+from harness.record import AUTO, Trial, UsageError
 
 MISSING = ("error", "stand_in")
 RERUN = ("none", "failed", "all")
@@ -129,8 +129,9 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
     if plain["cameras"].get("source") not in ("known", "estimated"):
         raise UsageError(f"cameras.source is {plain['cameras'].get('source')!r}, wanted known or estimated")
     n_bodies = plain["n_bodies"]
-    if n_bodies is not None and (isinstance(n_bodies, bool) or not isinstance(n_bodies, int) or n_bodies < 1):
-        raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, or null for the scene's")
+    whole = isinstance(n_bodies, int) and not isinstance(n_bodies, bool) and n_bodies >= 1
+    if not (whole or n_bodies in (None, AUTO)):
+        raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, auto, or null for the scene's")
     return Trial(
         dataset=dataset,
         method=method,

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from datasets.scene import Scene
 from methods.base import Reconstruction
 from methods.cameras import axes
+from methods.spectral import MOST, eigengaps
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -52,7 +53,10 @@ def e_r(estimate: Array, truth: Array) -> float:
 
 
 def n_wrong(estimate: Labels, truth: Labels) -> int:
-    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies."""
+    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies.
+
+    Where there are more clusters than bodies, or fewer, all tracks of those that stay unmatched are wrong.
+    """
     _, est = np.unique(estimate, return_inverse=True)
     _, true = np.unique(truth, return_inverse=True)
     table = np.zeros((est.max() + 1, true.max() + 1), dtype=int)
@@ -130,6 +134,26 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dic
         if found.affinity is not None:
             values["affinity_between"] = affinity_between(found.affinity, scene.labels)
     return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
+def count(scene: Scene, found: Reconstruction) -> dict[str, float]:
+    """How many bodies a method found that was not told their number.
+
+    Returns
+    -------
+    dict of str to float
+        ``n_bodies_found``; ``eigengap``, that of the affinity behind so many clusters; ``miscounted``, 1 where the
+        number is not the scene's and 0 where it is. Nothing where there are no labels.
+    """
+    if found.labels is None:
+        return {}
+    n = len(np.unique(found.labels))
+    values = {"n_bodies_found": float(n)}
+    if found.affinity is not None and n <= MOST:
+        values["eigengap"] = float(eigengaps(found.affinity)[n - 1])
+    if scene.n_bodies is not None:
+        values["miscounted"] = float(n != scene.n_bodies)
+    return values
 
 
 def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict[str, float]:

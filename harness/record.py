@@ -12,6 +12,10 @@ from typing import Any
 OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
 
 
+#: The number of bodies that is left to the method.
+AUTO = "auto"
+
+
 class UsageError(ValueError):
     """A request that cannot be carried out as it stands. The message is one line with the remedy."""
 
@@ -31,15 +35,15 @@ class Trial:
     dataset, method, cameras, noise : mapping
         The four groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
         words that stand in tables.
-    n_bodies : int or None
-        Number of clusters asked for; None takes the scene's.
+    n_bodies : int, "auto" or None
+        Number of clusters asked for; None takes the scene's, ``auto`` leaves it to the method.
     """
 
     dataset: Mapping[str, Any]
     method: Mapping[str, Any]
     cameras: Mapping[str, Any]
     noise: Mapping[str, Any]
-    n_bodies: int | None = None
+    n_bodies: int | str | None = None
 
     @property
     def setting(self) -> str:
@@ -56,6 +60,8 @@ class Trial:
         words = [str(self.dataset["name"]), str(self.method["name"])]
         if self.noise["level"]:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
+        if self.n_bodies == AUTO:
+            words.append("n_bodies=auto")
         if self.cameras["source"] != "known":
             words.append(f"cameras={self.cameras['source']}")
         return " ".join(words)

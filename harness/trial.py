@@ -135,7 +135,7 @@ def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
         motion=str(trial.dataset.get("motion", "")),
         level=float(trial.noise["level"]),
         repeat=int(trial.noise["repeat"]),
-        n_bodies=trial.n_bodies,
+        n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
         sweep=sweep,
         parameters={
             "dataset": dict(trial.dataset),

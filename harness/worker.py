@@ -16,7 +16,7 @@ from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
-from harness.record import ABSENT, FAILED, OK, Outcome, Trial, UsageError
+from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
 from methods.base import NO_CAMERAS, Array, MethodError, Reconstruction
 from methods.registry import build_method
@@ -53,24 +53,20 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
         If the scene or the method cannot be had as asked.
     """
     scene = load_scene(trial.dataset, data, stand_in)
-    n_bodies = trial.n_bodies or scene.n_bodies
-    if n_bodies is None:
-        raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies")
-    if scene.n_bodies is not None and n_bodies != scene.n_bodies:
-        raise UsageError(
-            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
-            f"{n_bodies}; leave n_bodies out or choose another scene"
-        )
+    n_bodies = _n_bodies(trial, scene)
     noisy = scene.with_noise(trial.noise["level"], trial.noise["repeat"])
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
     found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges)
+    auto = n_bodies is None
+    if auto and found.labels is not None:
+        n_bodies = len(np.unique(found.labels))
     check(found, method.provides, noisy.tracks.shape)
     outcome = replace(
         blank,
         status=OK,
-        metrics=metrics.evaluate(noisy, found, known_cameras=known),
+        metrics=metrics.evaluate(noisy, found, known_cameras=known) | (metrics.count(noisy, found) if auto else {}),
         stand_in=scene.stand_in,
         n_bodies=n_bodies,
         n_points=scene.n_points,
@@ -88,6 +84,21 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     }
     arrays = {name: _compact(np.asarray(value)) for name, value in parts.items() if value is not None}
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
+
+
+def _n_bodies(trial: Trial, scene: Scene) -> int | None:
+    """The number of bodies that the method is told; None when it is to be estimated."""
+    if trial.n_bodies == AUTO:
+        return None
+    n_bodies = trial.n_bodies or scene.n_bodies
+    if not isinstance(n_bodies, int):
+        raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies, or n_bodies=auto")
+    if scene.n_bodies is not None and n_bodies != scene.n_bodies:
+        raise UsageError(
+            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
+            f"{n_bodies}; leave n_bodies out or choose another scene"
+        )
+    return n_bodies
 
 
 def _cameras(scene: Scene, trial: Trial) -> Array:

@@ -69,7 +69,7 @@ class Method(BaseEstimator):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
@@ -83,8 +83,8 @@ class Method(BaseEstimator):
         cameras : (F, 2, 3) array
             Orthographic cameras with orthonormal rows, known or estimated; :data:`NO_CAMERAS` for a method
             that uses none.
-        n_bodies : int
-            Number of clusters, at least 1.
+        n_bodies : int or None
+            Number of clusters, at least 1; None when it is to be estimated.
         edges : (E, 2) int array, optional
             Neighbouring tracks, for methods with a spatial term.
         progress : callable, optional
@@ -149,9 +149,9 @@ def check_cameras(cameras: Array, n_frames: int) -> None:
         raise MethodError("camera rows are not orthonormal")
 
 
-def check_bodies(n_bodies: int, n_points: int) -> None:
-    """Raise MethodError unless tracks can be told apart into that many bodies."""
-    if not 2 <= n_bodies <= n_points:
+def check_bodies(n_bodies: int | None, n_points: int) -> None:
+    """Raise MethodError unless tracks can be told apart into that many bodies, None for an unknown number."""
+    if n_bodies is not None and not 2 <= n_bodies <= n_points:
         raise MethodError(
             f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs 2 to {n_points} bodies"
         )

@@ -59,7 +59,7 @@ class BMM(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int = 1,
+        n_bodies: int | None = 1,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,

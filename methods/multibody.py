@@ -95,7 +95,7 @@ class MultiBody(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,

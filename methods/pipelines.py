@@ -51,7 +51,7 @@ class ClusterTracks(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
@@ -61,6 +61,8 @@ class ClusterTracks(Method):
         check_bodies(n_bodies, tracks.shape[2])
         W = standardise(tracks).W if self.standardise else tracks
         if self.projection is not None:
+            if n_bodies is None:
+                raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
             W = principal(W, self.projection * n_bodies)
         labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
@@ -85,7 +87,7 @@ class ReconstructThenCluster(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
@@ -123,7 +125,7 @@ class ClusterThenReconstruct(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
@@ -144,8 +146,11 @@ class ClusterThenReconstruct(Method):
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
 
-def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tuple[Labels, Array]:
-    """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features."""
+def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array]:
+    """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
+
+    The clusterer estimates a number of bodies that is None.
+    """
     n_points = trajectories.shape[-1]
     check_bodies(n_bodies, n_points)
     samples = trajectories.reshape(-1, n_points).T

@@ -96,6 +96,18 @@ MEAN = Metric(
 )
 MEDIAN = replace(MEAN, name="median", label="median %", tex=r"median (\%)", pool="median")
 
+MISCOUNTED = Metric(
+    "miscounted",
+    "wrong number %",
+    r"wrong number (\%)",
+    logged="miscounted",
+    absent=E_MS.absent,
+    pool="mean",
+    percent=True,
+)
+FOUND = Metric("n_bodies_found", "bodies found", "bodies found", logged="n_bodies_found", absent=E_MS.absent)
+EIGENGAP = Metric("eigengap", "eigengap", "eigengap", logged="eigengap", absent=E_MS.absent)
+
 LABELS: Mapping[str, str] = MappingProxyType(
     {
         "ours": "Ours",
@@ -134,6 +146,12 @@ ROUGH = (
 ROOM = (
     "People stand where they were captured, and one orthographic camera circles them at 5 degrees a frame. Takes are "
     "thinned to at most 400 frames. The paper does not say which frames and camera it used on UMPM."
+)
+
+
+EIGENGAPS = (
+    "No method is told how many bodies there are: each takes the number, of 1 to 10, at the widest gap between the "
+    "eigenvalues of its affinity's normalised Laplacian. Tracks of clusters without a body count as wrong."
 )
 
 
@@ -178,6 +196,8 @@ class Layout:
     pools : mapping
         Printed row -> the datasets that it stands for, where that is not the dataset of its name. A dataset may
         count in several rows.
+    parts : tuple of Metric
+        Shown for every dataset by itself, where rows pool them.
     notes : tuple of str
         What the reader must know besides what the answers tell.
     """
@@ -190,6 +210,7 @@ class Layout:
     points: str = ""
     joiner: str = ""
     pools: Mapping[str, Pool] = field(default_factory=dict)
+    parts: tuple[Metric, ...] = (E_MS,)
     notes: tuple[str, ...] = ()
 
     @property
@@ -209,7 +230,7 @@ class Layout:
     def unpooled(self) -> Layout:
         """The layout of the same answers with a row for each dataset."""
         methods = tuple(Method(method.name) for method in self.methods)
-        return replace(self, methods=methods, metrics=(E_MS,), source="", pools={}, notes=())
+        return replace(self, methods=methods, metrics=self.parts, source="", pools={}, notes=())
 
     def published_points(self, dataset: str) -> int | None:
         return published.points(self.points, dataset) if self.points else None
@@ -223,9 +244,28 @@ class Layout:
         return self.joiner.join(body.capitalize() for body in dataset.split("_"))
 
 
+BODIES = {
+    "pairs": Pool("Eight pairs", published.datasets("table1")),
+    "triples": Pool(
+        "Eight triples",
+        (
+            *("stretch_dance_yoga", "drink_walking_yoga", "shark_stretch_dance", "walking_yoga_face"),
+            *("face_pickup_drink", "face_yoga_shark", "shark_yoga_pickup", "stretch_yoga_walking"),
+        ),
+    ),
+    "fours": Pool("Two scenes of four", ("drink_walking_face_shark", "dance_pickup_stretch_yoga")),
+}
+
+
 def _scenes(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"hopkins155_{name}" for name in names)
 
+
+HOPKINS = {
+    "2": Pool("Two motions", _scenes(hopkins.TWO_MOTIONS)),
+    "3": Pool("Three motions", _scenes(hopkins.THREE_MOTIONS)),
+    "all": Pool("All", _scenes(hopkins.SCENES)),
+}
 
 LAYOUTS: Mapping[str, Layout] = MappingProxyType(
     {
@@ -309,6 +349,26 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             points="single_body",
             notes=(FIXED,),
         ),
+        "count_bodies": Layout(
+            title="How many bodies",
+            caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "
+            "estimate the number.",
+            methods=tuple(Method(name) for name in ("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed")),
+            metrics=(MISCOUNTED, replace(MEAN, label="wrong tracks %", tex=r"wrong tracks (\%)")),
+            pools=BODIES,
+            parts=(FOUND, EIGENGAP, E_MS),
+            notes=(EIGENGAPS, SHARE, ROUGH),
+        ),
+        "count_hopkins155": Layout(
+            title="How many motions",
+            caption="Share of the scenes of Hopkins155 whose number of motions a method gets wrong, and of wrong "
+            "tracks, when it has to estimate the number.",
+            methods=(Method("ssc_raw"), Method("edsc_raw")),
+            metrics=(MISCOUNTED, replace(MEAN, label="wrong tracks %", tex=r"wrong tracks (\%)")),
+            pools=HOPKINS,
+            parts=(FOUND, EIGENGAP, E_MS),
+            notes=(EIGENGAPS,),
+        ),
         "hopkins155": Layout(
             title="Hopkins155",
             caption="Share of wrong tracks in per cent, mean and median over scenes of rigid motions in real video, "
@@ -317,11 +377,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             methods=(Method("ssc_raw", "SSC", printed="ssc"), Method("ssc_raw_4n"), Method("edsc_raw")),
             metrics=(MEAN, MEDIAN),
             source="hopkins155",
-            pools={
-                "2": Pool("Two motions", _scenes(hopkins.TWO_MOTIONS)),
-                "3": Pool("Three motions", _scenes(hopkins.THREE_MOTIONS)),
-                "all": Pool("All", _scenes(hopkins.SCENES)),
-            },
+            pools=HOPKINS,
             notes=("The scenes have no cameras, and these methods use none.",),
         ),
     }

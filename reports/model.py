@@ -44,7 +44,7 @@ class Setting:
         The scene's choices.
     level : float
         Noise, as a share of the largest image coordinate.
-    bodies : int or None
+    bodies : int, "auto" or None
         Clusters asked for, where that is not the scene's number.
     """
 
@@ -52,7 +52,7 @@ class Setting:
     placement: str = "paper"
     motion: str = "registered"
     level: float = 0.0
-    bodies: int | None = None
+    bodies: int | str | None = None
 
     def words(self, names: tuple[str, ...] = ()) -> str:
         """``cameras known, placement paper, ...``; all of it, or the named fields."""

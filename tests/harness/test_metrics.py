@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from importlib import resources
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,31 @@ def test_merged_and_split_clusters_count() -> None:
     truth = np.repeat([0, 1], [6, 4])
     assert metrics.n_wrong(np.zeros(10, int), truth) == 4
     assert metrics.n_wrong(np.arange(10), truth) == 8
+
+
+def test_unequal_numbers_of_clusters_and_bodies(rng: np.random.Generator) -> None:
+    """The best one-to-one assignment by trying all; clusters without a body are wrong."""
+    for found, true in ((2, 4), (4, 2), (1, 3), (3, 1), (5, 3)):
+        estimate, truth = rng.integers(0, found, 30), rng.integers(0, true, 30)
+        estimate[:found], truth[:true] = range(found), range(true)
+        most = max(found, true)
+        right = max(int((np.array(names)[estimate] == truth).sum()) for names in permutations(range(most)))
+        assert metrics.n_wrong(estimate, truth) == 30 - right
+
+
+def test_counts(small_scene: Scene) -> None:
+    assert small_scene.labels is not None
+    A = (small_scene.labels[:, None] == small_scene.labels).astype(float)
+    right = Reconstruction(labels=1 - small_scene.labels, affinity=A)
+    assert metrics.count(small_scene, right) == {
+        "n_bodies_found": 2,
+        "miscounted": 0,
+        "eigengap": pytest.approx(1 + 1 / 14),
+    }
+    one = metrics.count(small_scene, replace(right, labels=np.zeros(30, dtype=int)))
+    assert (one["n_bodies_found"], one["miscounted"], round(one["eigengap"], 9)) == (1, 1, 0)
+    assert metrics.count(small_scene, Reconstruction()) == {}
+    assert "miscounted" not in metrics.count(replace(small_scene, labels=None), right)
 
 
 @pytest.fixture

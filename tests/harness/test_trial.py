@@ -191,12 +191,29 @@ def test_impossible_trials_are_rows_with_one_clear_line(settings: Settings, over
     assert not (settings.trials / outcome.key / storage.TRACEBACK).exists()
 
 
+@pytest.mark.parametrize("bodies", [["person", "face"], ["person"]])
+def test_a_method_counts_the_bodies_when_it_is_asked_to(settings: Settings, bodies: list[str]) -> None:
+    words = ["dataset.points=12", "dataset.frames=20", f"dataset.bodies=[{','.join(bodies)}]", "n_bodies=auto"]
+    for trial, _ in expand([*words, "method=edsc,bmm"]):
+        outcome, _ = execute(trial, settings)
+        assert outcome.status == "ok" and "n_bodies=auto" in trial.title
+        if trial.method["name"] == "bmm":
+            assert outcome.n_bodies is None and "n_bodies_found" not in outcome.metrics
+            continue
+        found = outcome.metrics["n_bodies_found"]
+        assert found == outcome.n_bodies and outcome.metrics["miscounted"] == (found != len(bodies))
+        assert outcome.metrics["eigengap"] >= 0
+        assert outcome.metrics["n_wrong"] >= 24 * (found != 2) / 3 if len(bodies) == 2 else found >= 1
+
+
 @pytest.mark.parametrize(
     "overrides",
     [
         ["noise.level=-1"],
         ["noise.repeat=0.5"],
         ["n_bodies=zero"],
+        ["n_bodies=0"],
+        ["n_bodies=true"],
         ["limits.seconds=0"],
         ["rerun=maybe"],
         ["nonsense=1"],
