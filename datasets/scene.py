@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from datasets.body import Array, Body, DatasetError, centre, no_edges, observed, spread, upright
 from datasets.cameras import orbit, project
+from datasets.gaps import drop
 from datasets.noise import add_noise
 
 PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
@@ -107,6 +108,13 @@ class Scene:
     def with_noise(self, level: float, repeat: int = 0) -> Scene:
         """A copy with noise on the tracks (see :func:`datasets.noise.add_noise`)."""
         return replace(self, tracks=add_noise(self.tracks, level, repeat, self.name))
+
+    def with_gaps(self, kind: str, share: float, length: int = 1, repeat: int = 0) -> Scene:
+        """A copy with a share of the observations dropped (see :func:`datasets.gaps.drop`); the truth stays whole."""
+        visible = drop(self.tracks, kind, share, length, repeat, self.name)
+        if visible.all():
+            return self
+        return replace(self, tracks=np.where(visible[:, None], self.tracks, np.nan), visible=visible)
 
 
 def offset(placement: str | Sequence[float]) -> Array:

@@ -32,8 +32,8 @@ class Trial:
 
     Parameters
     ----------
-    dataset, method, cameras, noise : mapping
-        The four groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
+    dataset, method, cameras, noise, gaps : mapping
+        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
         words that stand in tables.
     n_bodies : int, "auto" or None
         Number of clusters asked for; None takes the scene's, ``auto`` leaves it to the method.
@@ -43,12 +43,13 @@ class Trial:
     method: Mapping[str, Any]
     cameras: Mapping[str, Any]
     noise: Mapping[str, Any]
+    gaps: Mapping[str, Any] = field(default_factory=dict)
     n_bodies: int | str | None = None
 
     @property
     def setting(self) -> str:
         """Hash of what was asked, whatever data and code answer it."""
-        return digest(asdict(self))
+        return digest({name: value for name, value in asdict(self).items() if name != "gaps" or value})
 
     def key(self, data: str, version: str) -> str:
         """The trial's identity: its setting, the data's digest and the method's version."""
@@ -60,6 +61,8 @@ class Trial:
         words = [str(self.dataset["name"]), str(self.method["name"])]
         if self.noise["level"]:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
+        if self.gaps:
+            words.append(f"gaps={self.gaps['kind']} {self.gaps['share']:g}")
         if self.n_bodies == AUTO:
             words.append("n_bodies=auto")
         if self.cameras["source"] != "known":

@@ -142,5 +142,6 @@ def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
             "method": dict(trial.method),
             "cameras": dict(trial.cameras),
             "noise": dict(trial.noise),
+            "gaps": dict(trial.gaps),
         },
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 import traceback
 from collections.abc import Mapping
@@ -18,7 +19,8 @@ from harness import metrics
 from harness.isolation import peak_mb
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
-from methods.base import NO_CAMERAS, Array, MethodError, Reconstruction
+from methods.base import NO_CAMERAS, Array, Method, MethodError, Reconstruction
+from methods.gaps import complete
 from methods.registry import build_method
 from methods.rotation import RANK, estimate_cameras
 
@@ -54,11 +56,14 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     """
     scene = load_scene(trial.dataset, data, stand_in)
     n_bodies = _n_bodies(trial, scene)
-    noisy = scene.with_noise(trial.noise["level"], trial.noise["repeat"])
+    repeat = trial.noise["repeat"]
+    noisy = scene.with_noise(trial.noise["level"], repeat)
+    if trial.gaps:
+        noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
-    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges)
+    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, **_gaps(method, noisy))
     auto = n_bodies is None
     if auto and found.labels is not None:
         n_bodies = len(np.unique(found.labels))
@@ -78,6 +83,7 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
         "affinity": found.affinity,
         "cameras": found.cameras,
         "tracks": noisy.tracks,
+        "visible": noisy.visible,
         "true_structure": scene.structure,
         "true_labels": scene.labels,
         "edges": scene.edges,
@@ -101,9 +107,18 @@ def _n_bodies(trial: Trial, scene: Scene) -> int | None:
     return n_bodies
 
 
+def _gaps(method: Method, scene: Scene) -> Mapping[str, Any]:
+    """What a method is told of gaps: nothing where there are none, so that it need not know the word."""
+    if scene.visible is None:
+        return {}
+    if "visible" not in inspect.signature(method.reconstruct).parameters:
+        raise MethodError(f"{type(method).__name__} cannot work with gaps: its reconstruct takes no 'visible'")
+    return {"visible": scene.visible}
+
+
 def _cameras(scene: Scene, trial: Trial) -> Array:
     if trial.cameras["source"] != "known":
-        return estimate_cameras(scene.tracks, trial.cameras.get("rank", RANK))
+        return estimate_cameras(complete(scene.tracks, scene.visible), trial.cameras.get("rank", RANK))
     if scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     return scene.cameras

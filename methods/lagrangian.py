@@ -5,6 +5,7 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,6 +46,12 @@ class Problem:
     l1: float
     l2: float
     diagonal: str = "threshold"
+
+    def at(self, W: Array) -> Problem:
+        """The same problem with other tracks; whatever was derived from the first ones stays."""
+        other = copy.copy(self)
+        object.__setattr__(other, "W", W)
+        return other
 
     def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from methods.base import (
     Array,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -27,6 +28,8 @@ from methods.base import (
     check_setting,
     standardise,
 )
+from methods.bmm import fit_shape
+from methods.gaps import fill
 from methods.lagrangian import Problem
 from methods.rough import RoughProblem
 from methods.spectral import spectral_clustering
@@ -97,12 +100,18 @@ class MultiBody(Method):
         cameras: Array,
         n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`."""
-        data = standardise(tracks)
+        """See :meth:`methods.base.Method.reconstruct`.
+
+        Hidden entries of W are one more block of variables: they start from the completion of the block matrix method
+        and take, in every iteration, the values R S + t 1' that minimise the objective. At the end of it all their
+        residual is zero, so that the data term is that of the visible tracks.
+        """
         check_cameras(cameras, len(tracks))
+        data = standardise(tracks if visible is None else _completed(tracks, cameras, visible))
         check_bodies(n_bodies, tracks.shape[2])
         self._check_settings()
         problem = self._problem(data.W, cameras)
@@ -110,6 +119,8 @@ class MultiBody(Method):
         history: dict[str, list[float]] = defaultdict(list)
         for iteration in range(1, self.max_iter + 1):
             state, gaps = problem.iterate(state)
+            if visible is not None:
+                problem = problem.at(fill(problem.W, cameras @ state.S, visible))
             residuals = {name: float(np.abs(gap).max()) for name, gap in gaps.items()}
             history["objective"].append(problem.objective(state))
             for name, value in residuals.items():
@@ -142,3 +153,9 @@ class MultiBody(Method):
             check_setting(self, "period", 0)
         check_setting(self, "growth", 1, strict=False)
         check_setting(self, "max_iter", 1, strict=False, whole=True)
+
+
+def _completed(tracks: Array, cameras: Array, visible: Mask) -> Array:
+    """Tracks whose gaps hold what the structure of least nuclear norm shows there, centred."""
+    data = standardise(tracks, visible)
+    return data.scale * fill(data.W, cameras @ fit_shape(data.W, cameras, 0.0, visible).structure, visible)

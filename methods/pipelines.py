@@ -14,6 +14,7 @@ from sklearn.base import BaseEstimator, clone
 from methods.base import (
     Array,
     Labels,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -23,6 +24,7 @@ from methods.base import (
     check_tracks,
     standardise,
 )
+from methods.gaps import complete, enough
 
 
 class ClusterTracks(Method):
@@ -53,10 +55,12 @@ class ClusterTracks(Method):
         cameras: Array,
         n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part."""
+        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
+        tracks = complete(tracks, visible)
         check_tracks(tracks)
         check_bodies(n_bodies, tracks.shape[2])
         W = standardise(tracks).W if self.standardise else tracks
@@ -89,12 +93,13 @@ class ReconstructThenCluster(Method):
         cameras: Array,
         n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`."""
+        """See :meth:`methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
         check_bodies(n_bodies, tracks.shape[2])
-        structure = _structure(self.reconstructor, tracks, cameras, progress)
+        structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
 
@@ -127,12 +132,13 @@ class ClusterThenReconstruct(Method):
         cameras: Array,
         n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`."""
+        """See :meth:`methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         check_cameras(cameras, len(tracks))
-        data = standardise(tracks)
+        data = standardise(complete(tracks, visible))
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
         structure = np.empty((tracks.shape[0], 3, tracks.shape[2]))
         for label in np.unique(labels):
@@ -141,7 +147,8 @@ class ClusterThenReconstruct(Method):
             centroid = lift(W.mean(axis=2), cameras, self.trajectory_order)
             structure[:, :, mine] = centroid[:, :, None]
             if mine.sum() > 1 and np.ptp(W, axis=2).max() > 0:  # one point, or one place, is its centroid alone
-                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, progress)
+                seen = None if visible is None else enough(visible[:, mine])
+                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, seen, progress)
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
@@ -206,8 +213,10 @@ def lift(centroid: Array, cameras: Array, order: int) -> Array:
     return basis @ weights.reshape(3, order).T
 
 
-def _structure(reconstructor: Method, tracks: Array, cameras: Array, progress: Progress | None) -> Array:
-    structure = reconstructor.reconstruct(tracks, cameras, 1, progress=progress).structure
+def _structure(
+    reconstructor: Method, tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None
+) -> Array:
+    structure = reconstructor.reconstruct(tracks, cameras, 1, visible=visible, progress=progress).structure
     if structure is None:
         raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")
     return structure

@@ -127,6 +127,7 @@ def _place(answer: Answer) -> tuple[str, Setting]:
         placement=_word(trial.dataset, "placement"),
         motion=_word(trial.dataset, "motion"),
         level=float(trial.noise.get("level", 0.0)),
+        gaps=one_line(f"{trial.gaps['kind']} {trial.gaps['share']:g}") if trial.gaps else "",
         bodies=trial.n_bodies,
     )
     return one_line(trial.dataset["name"]), setting

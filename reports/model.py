@@ -44,6 +44,8 @@ class Setting:
         The scene's choices.
     level : float
         Noise, as a share of the largest image coordinate.
+    gaps : str
+        Observations dropped: kind and share.
     bodies : int, "auto" or None
         Clusters asked for, where that is not the scene's number.
     """
@@ -52,6 +54,7 @@ class Setting:
     placement: str = "paper"
     motion: str = "registered"
     level: float = 0.0
+    gaps: str = ""
     bodies: int | str | None = None
 
     def words(self, names: tuple[str, ...] = ()) -> str:

@@ -141,6 +141,8 @@ def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int |
         return replace(cell, reason="no published number")
     if setting.level:
         return replace(cell, reason="noise added; the published number is without")
+    if setting.gaps:
+        return replace(cell, reason="observations dropped; the published number is without")
     if metric.counts and (cell.wrong is None or not cell.points):
         return replace(cell, reason=f"{metric.counts} or n_points not logged")
     if published_points and cell.points and cell.points != published_points:
