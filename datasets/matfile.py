@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.body import Array, DatasetError, MissingData
+from datasets.matfile73 import is_mat73, read_mat73
 
 LARGEST = 2**31  # bytes of one array
 HEAD = 4096  # bytes that hold an array's class, size and name
@@ -38,7 +39,7 @@ class _Damaged(Exception):
 
 
 def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    """Read numeric arrays from a MATLAB file (versions 4 and 5).
+    """Read numeric arrays from a MATLAB file (versions 4, 5 and 7.3).
 
     Parameters
     ----------
@@ -60,22 +61,8 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
     """
     if not path.is_file():
         raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
-    found: list[str] = []
-    arrays: dict[str, Array] = {}
     try:
-        for field in _fields(memoryview(path.read_bytes())):
-            found.append(field.name)
-            if field.name not in names:
-                continue
-            if field.size > LARGEST:
-                claim = f"claims {field.size / 2**30:.0f} GiB"
-                raise DatasetError(f"{path}: field {field.name} {claim}; the file is damaged or hostile")
-            if field.kind:
-                raise DatasetError(f"{path}: field {field.name} is of type {field.kind}, wanted numbers")
-            values = field.values()
-            if values.size * 8 != field.size:
-                raise _Damaged(f"field {field.name} does not hold as many numbers as it says")
-            arrays[field.name] = values.astype(float).reshape(field.shape, order="F")
+        arrays, found = read_mat73(path, names, LARGEST) if is_mat73(path) else _read(path, names)
     except (OSError, zlib.error, _Damaged) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(
@@ -86,6 +73,26 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
             held = ", ".join(ascii(name)[1:-1] for name in found[:20]) or "nothing"
             raise DatasetError(f"{path}: field {name} is missing (the file holds {held}); is it the right file?")
     return arrays
+
+
+def _read(path: Path, names: Sequence[str]) -> tuple[dict[str, Array], list[str]]:
+    """Those of the wanted arrays that a file of version 4 or 5 holds, and the names of all that it holds."""
+    found: list[str] = []
+    arrays: dict[str, Array] = {}
+    for field in _fields(memoryview(path.read_bytes())):
+        found.append(field.name)
+        if field.name not in names:
+            continue
+        if field.size > LARGEST:
+            claim = f"claims {field.size / 2**30:.0f} GiB"
+            raise DatasetError(f"{path}: field {field.name} {claim}; the file is damaged or hostile")
+        if field.kind:
+            raise DatasetError(f"{path}: field {field.name} is of type {field.kind}, wanted numbers")
+        values = field.values()
+        if values.size * 8 != field.size:
+            raise _Damaged(f"field {field.name} does not hold as many numbers as it says")
+        arrays[field.name] = values.astype(float).reshape(field.shape, order="F")
+    return arrays, found
 
 
 @dataclass(frozen=True)

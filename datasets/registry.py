@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datasets import hopkins, mocap, procedural, sources, take, two_person
+from datasets import garg, hopkins, mocap, procedural, sources, take, two_person
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 from datasets.thinning import Thinning
@@ -152,6 +152,22 @@ def _two_person_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return sources.sha256(two_person.path(folder, settings["take"]))
 
 
+def _garg(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return garg.load_scene(
+        folder,
+        settings["sequence"],
+        name=settings["name"],
+        points=settings["points"],
+        frames=settings["frames"],
+        neighbours=settings["neighbours"],
+        fields=settings["fields"],
+    )
+
+
+def _garg_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(garg.path(folder, settings["sequence"]))
+
+
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
@@ -160,6 +176,7 @@ SOURCES: dict[str, Source] = {
     "hopkins155": (_hopkins, _hopkins_digest),
     "take": (_take, _take_digest),
     "two_person": (_two_person, _two_person_digest),
+    "garg": (_garg, _garg_digest),
 }
 
 

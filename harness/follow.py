@@ -8,10 +8,20 @@ from collections import Counter
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from harness.experiments import Settings
 from harness.record import OK, UsageError
+from harness.running import steps
 from harness.storage import read_record
 from harness.tracking import Tracker
 from harness.trial import Entry, entries, journal
@@ -44,6 +54,7 @@ class Follower:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
         self._console = Console(stderr=True)
+        self._bars: dict[str, TaskID] = {}
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -74,11 +85,24 @@ class Follower:
         while True:
             last = self._stop.is_set()
             self._drain()
+            self._show()
             if last:
                 break
             self._stop.wait(0.2)
         if not self.trouble:
             self._track([key for key, entry in self.entries.items() if not entry.ran and not self._held(entry)])
+
+    def _show(self) -> None:
+        """A bar for each trial at work, with its residuals."""
+        found = dict(steps(self.settings.output, self.settings.sweep)) if self._console.is_terminal else {}
+        for key in self._bars.keys() - found.keys():
+            self._progress.remove_task(self._bars.pop(key))
+        for key, step in found.items():
+            if key not in self._bars:
+                self._bars[key] = self._progress.add_task("")
+            self._progress.update(
+                self._bars[key], total=step.iterations, completed=step.iteration, description=escape(step.words)
+            )
 
     def _held(self, entry: Entry) -> bool:
         folder = self.settings.trials / entry.key

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -73,8 +74,14 @@ def n_wrong(estimate: Labels, truth: Labels) -> int:
     return int(len(truth) - table[rows, cols].sum())
 
 
-def affinity_between(affinity: Array, truth: Labels) -> float:
+def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
     """Share of the affinity that joins tracks of different bodies; 0 for a block-diagonal affinity."""
+    if sp.issparse(affinity):
+        pairs = sp.coo_array(affinity)
+        joins = pairs.row != pairs.col
+        total = pairs.data[joins].sum(dtype=float)
+        between = pairs.data[truth[pairs.row] != truth[pairs.col]].sum(dtype=float)
+        return float(between / total) if total > 0 else 1.0
     apart = truth[:, None] != truth[None, :]
     total = affinity.sum() - np.trace(affinity)
     return float(affinity[apart].sum() / total) if total > 0 else 1.0

@@ -10,21 +10,30 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from datasets.body import DatasetError
+from datasets.registry import load_scene
 from harness.arguments import Parser
 from harness.experiments import Settings, expand
+from harness.memory import foreseen_gb, refusal
 from harness.record import OK, Outcome, Trial
 from harness.storage import read_record
 from harness.trial import identify
+from methods.base import Method, MethodError
+from methods.registry import build_method
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A trial of an experiment: its key, why it cannot run ("" when it can), and its record when it is done."""
+    """A trial of an experiment: its key, why it cannot run ("" when it can), and its record when it is done.
+
+    ``foreseen_gb`` is the memory that it is going to take, where the method can say.
+    """
 
     trial: Trial
     key: str
     reason: str
     outcome: Outcome | None
+    foreseen_gb: float | None = None
 
     @property
     def state(self) -> str:
@@ -45,8 +54,23 @@ def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
     planned = []
     for trial, settings in trials:
         key, reason = identify(trial, settings)
-        planned.append(Planned(trial, key, str(reason or ""), read_record(settings.trials / key)))
+        outcome, need, why = read_record(settings.trials / key), None, str(reason or "")
+        if outcome is None and not why:
+            need, why = _memory(trial, settings)
+        planned.append(Planned(trial, key, why, outcome, need))
     return planned, trials[0][1]
+
+
+def _memory(trial: Trial, settings: Settings) -> tuple[float | None, str]:
+    """The memory in GB that a trial is going to take, and why it does not fit; the scene is made for that."""
+    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
+    if type(method).memory is Method.memory:
+        return None, ""
+    try:
+        scene = load_scene(trial.dataset, settings.data, settings.missing == "stand_in")
+        return foreseen_gb(method, scene), refusal(method, scene, settings.memory_gb)
+    except (DatasetError, MethodError) as error:
+        return None, str(error)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -70,9 +94,13 @@ def main(argv: Sequence[str]) -> int:
             same = [o for o in like if o.dataset == str(item.trial.dataset["name"])] or like
             if same:
                 cost, size = median(o.seconds or 0 for o in same), max(o.peak_mb or 0 for o in same)
+                size = size if item.foreseen_gb is None else 1024 * item.foreseen_gb
                 seconds, memory, expected = seconds + cost, max(memory, size), f"{cost:.1f} s, {size:.0f} MB"
             else:
                 unknown, expected = unknown + 1, "no past trial of this method"
+                if item.foreseen_gb is not None:
+                    memory = max(memory, 1024 * item.foreseen_gb)
+                    expected += f", {1024 * item.foreseen_gb:.0f} MB"
         elif item.outcome is not None:
             expected = escape(item.outcome.error)
         else:

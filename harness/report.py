@@ -11,7 +11,7 @@ import numpy as np
 from harness.answers import answers
 from harness.arguments import Parser
 from harness.record import ABSENT, OK, UsageError
-from harness.storage import ARRAYS, write_atomically
+from harness.storage import ARRAYS, unpack, write_atomically
 from reports.tables import Answer, Table, build
 from reports.writers import FORMATS, console, glance
 
@@ -83,11 +83,32 @@ def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder:
         if "e_3d" not in run.outcome.metrics or not path.is_file():
             continue
         with np.load(path, allow_pickle=False) as stored:
-            figure = overview(dict(stored), run.outcome)
+            figure = overview(unpack(stored), run.outcome)
         noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
         written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
         save(figure, written[-1])
     return written
+
+
+def draw_scaling(asked: Sequence[Answer], trials: Path, folder: Path) -> list[Path]:
+    """The figure of the experiment ``scaling``: one point a finished trial that kept its curves."""
+    from reports.figures import save
+    from reports.scaling import measured, scaling
+
+    found = []
+    for outcome in (run.outcome for _, run in asked if run):
+        path = trials / outcome.key / ARRAYS
+        if outcome.status != OK or not path.is_file():
+            continue
+        with np.load(path, allow_pickle=False) as stored:
+            seconds, operations = (stored[f"history_{name}"].tolist() for name in ("seconds", "operations"))
+        found.append(
+            measured(outcome.n_points or 0, outcome.n_frames or 0, seconds, operations, outcome.peak_mb or 0.0)
+        )
+    if not found:
+        return []
+    save(scaling(found), folder / "scaling.png")
+    return [folder / "scaling.png"]
 
 
 def renew(path: Path, built: Sequence[Table]) -> None:
@@ -150,7 +171,8 @@ def main(argv: Sequence[str]) -> int:
     if given.into:
         renew(given.into, built)
     if given.figures:
-        draw(found, settings.trials, folder / "figures")
+        draw({name: group for name, group in found.items() if name != "scaling"}, settings.trials, folder / "figures")
+        draw_scaling(found.get("scaling", []), settings.trials, folder / "figures")
     print(summary(built))
     print(f"Written to {folder}")
     lacking = [trial for group in found.values() for trial, run in group if run is None]

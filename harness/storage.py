@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from harness.environment import environment
 from harness.record import Outcome
@@ -37,6 +41,40 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def pack(parts: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Arrays as a file keeps them: in single precision and 32-bit integers, for figures and later reading.
+
+    A sparse matrix, which is symmetric, becomes the rows, columns and values of its upper triangle, and its size.
+    """
+    packed: dict[str, NDArray[Any]] = {}
+    for name, value in parts.items():
+        if sp.issparse(value):
+            upper = sp.triu(value, format="coo")
+            n = value.shape[0]
+            packed |= {f"{name}_rows": upper.row, f"{name}_columns": upper.col, f"{name}_values": upper.data}
+            packed |= {f"{name}_size": np.array(n)}
+        else:
+            packed[name] = np.asarray(value)
+    return {name: _compact(value) for name, value in packed.items()}
+
+
+def unpack(stored: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """What :func:`pack` was given, with sparse matrices as scipy has them."""
+    parts = dict(stored)
+    for name in [key.removesuffix("_size") for key in stored if key.endswith("_size")]:
+        rows, columns, values = (parts.pop(f"{name}_{part}") for part in ("rows", "columns", "values"))
+        n = int(parts.pop(f"{name}_size"))
+        upper = sp.csr_array((values, (rows, columns)), shape=(n, n))
+        parts[name] = upper + sp.triu(upper, k=1).T
+    return parts
+
+
+def _compact(value: NDArray[Any]) -> NDArray[Any]:
+    if value.dtype == np.float64:
+        return value.astype(np.float32)
+    return value.astype(np.int32) if value.dtype == np.int64 else value
 
 
 def read_record(folder: Path) -> Outcome | None:

@@ -17,6 +17,7 @@ from harness import storage
 from harness.experiments import Settings
 from harness.isolation import run_isolated
 from harness.record import ABSENT, FAILED, OK, Outcome, Trial
+from harness.running import place
 from methods.base import MethodError
 from methods.registry import build_method, version
 
@@ -68,14 +69,17 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
             storage.write_record(folder, replace(blank, status=status, error=str(reason)))
         else:
             stand_in = settings.missing == "stand_in"
+            running = place(settings.output, settings.sweep, key)
             ended = run_isolated(
                 "harness.worker:work",
-                (trial, blank, settings.data, stand_in, folder),
+                (trial, blank, settings.data, stand_in, folder, settings.memory_gb, running),
                 seconds=settings.seconds,
                 memory_gb=settings.memory_gb,
                 threads=settings.threads,
                 log=folder / storage.LOG,
             )
+            if running is not None:
+                running.unlink(missing_ok=True)
             if ended.status != OK:
                 seconds = round(time.monotonic() - start, 4)
                 storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))

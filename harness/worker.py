@@ -11,27 +11,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from datasets.body import DatasetError, MissingData
 from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
+from harness.memory import refusal
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
-from harness.storage import ARRAYS, TRACEBACK, write_atomically, write_record
-from methods.base import NO_CAMERAS, Array, Method, MethodError, Reconstruction
+from harness.running import Reporter
+from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
+from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction
 from methods.gaps import complete
 from methods.registry import build_method
-from methods.rotation import RANK, estimate_cameras
+from methods.rotation import estimate_cameras
 
 EXPECTED = (DatasetError, MethodError, UsageError)
 
 
-def work(trial: Trial, blank: Outcome, data: Path, stand_in: bool, folder: Path) -> None:
-    """Carry out a trial and leave its record in ``folder``; an exception becomes a record that says so."""
+def work(
+    trial: Trial,
+    blank: Outcome,
+    data: Path,
+    stand_in: bool,
+    folder: Path,
+    memory_gb: float = float("inf"),
+    running: Path | None = None,
+) -> None:
+    """Carry out a trial and leave its record in ``folder``; an exception becomes a record that says so.
+
+    Meanwhile ``running`` is told how far it is. What does not fit into ``memory_gb`` is not begun.
+    """
     start = time.perf_counter()
     try:
-        outcome, arrays = compute(trial, blank, data, stand_in)
+        outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, running))
         write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
     except MemoryError:
         raise
@@ -46,13 +60,20 @@ def work(trial: Trial, blank: Outcome, data: Path, stand_in: bool, folder: Path)
     write_record(folder, outcome)
 
 
-def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[Outcome, Mapping[str, Any]]:
+def compute(
+    trial: Trial,
+    blank: Outcome,
+    data: Path,
+    stand_in: bool,
+    memory_gb: float = float("inf"),
+    progress: Progress | None = None,
+) -> tuple[Outcome, Mapping[str, Any]]:
     """The trial itself: an Outcome of status ok and the arrays to keep.
 
     Raises
     ------
     DatasetError, MethodError, UsageError
-        If the scene or the method cannot be had as asked.
+        If the scene or the method cannot be had as asked, or the method would need more memory than it may take.
     """
     scene = load_scene(trial.dataset, data, stand_in)
     n_bodies = _n_bodies(trial, scene)
@@ -61,9 +82,12 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
     if trial.gaps:
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
+    if why := refusal(method, scene, memory_gb):
+        raise UsageError(why)
     known = trial.cameras["source"] == "known"
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
-    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, **_gaps(method, noisy))
+    gaps = _gaps(method, noisy)
+    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, progress=progress, **gaps)
     auto = n_bodies is None
     if auto and found.labels is not None:
         n_bodies = len(np.unique(found.labels))
@@ -88,7 +112,7 @@ def compute(trial: Trial, blank: Outcome, data: Path, stand_in: bool) -> tuple[O
         "true_labels": scene.labels,
         "edges": scene.edges,
     }
-    arrays = {name: _compact(np.asarray(value)) for name, value in parts.items() if value is not None}
+    arrays = pack({name: value for name, value in parts.items() if value is not None})
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
 
 
@@ -118,7 +142,8 @@ def _gaps(method: Method, scene: Scene) -> Mapping[str, Any]:
 
 def _cameras(scene: Scene, trial: Trial) -> Array:
     if trial.cameras["source"] != "known":
-        return estimate_cameras(complete(scene.tracks, scene.visible), trial.cameras.get("rank", RANK))
+        options = {name: trial.cameras[name] for name in ("rank", "start", "refine") if name in trial.cameras}
+        return estimate_cameras(complete(scene.tracks, scene.visible), **options)
     if scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     return scene.cameras
@@ -135,12 +160,5 @@ def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...
                 raise MethodError(f"the method promises {name} and gave none")
         elif value.shape != size:
             raise MethodError(f"the method gave {name} of shape {value.shape}, wanted {size}")
-        elif not np.isfinite(value).all():
+        elif not np.isfinite(value.data if sp.issparse(value) else value).all():
             raise MethodError(f"the method gave {name} with NaN or infinite values: it diverged")
-
-
-def _compact(value: np.ndarray) -> np.ndarray:
-    """Single precision and 32-bit integers: what is kept is for figures and later reading."""
-    if value.dtype == np.float64:
-        return value.astype(np.float32)
-    return value.astype(np.int32) if value.dtype == np.int64 else value

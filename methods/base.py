@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
@@ -39,16 +40,17 @@ class Reconstruction:
         Points over time in the units of the tracks, centred per frame.
     cameras : (F, 2, 3) array or None
         The cameras that the structure was made with.
-    affinity : (P, P) array or None
+    affinity : (P, P) array, sparse array or None
         What was clustered.
     history : mapping of str to (T,) array
-        Curves by iteration: ``objective`` and residuals.
+        Curves by iteration: ``objective``, residuals, and what the iteration took: ``seconds`` of all cores and
+        ``operations``.
     """
 
     labels: Labels | None = None
     structure: Array | None = None
     cameras: Array | None = None
-    affinity: Array | None = None
+    affinity: Array | sp.sparray | None = None
     history: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -100,6 +102,14 @@ class Method(BaseEstimator):
             If shapes do not fit or the method cannot do what is asked.
         """
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float | None:
+        """Bytes that :meth:`reconstruct` is going to take at its peak, foreseen from the sizes; None if not known."""
+        return None
+
+
+def no_edges() -> NDArray[np.int64]:
+    return np.zeros((0, 2), dtype=np.int64)
+
 
 @dataclass(frozen=True)
 class Standardised:
@@ -112,7 +122,8 @@ class Standardised:
 def standardise(tracks: Array, visible: Mask | None = None) -> Standardised:
     """Centre (F, 2, P) tracks per frame and scale them to unit mean per-row standard deviation.
 
-    The weights of the methods assume these units. Where ``visible`` (F, P) is False nothing counts, and W is 0.
+    Centred tracks obey W = R S without a translation (Kumar, Dai, Li, 3DV 2016, eq. 1). The weights of the methods
+    assume these units. Where ``visible`` (F, P) is False nothing counts, and W is 0.
 
     Raises
     ------
@@ -168,16 +179,17 @@ def check_gaps(tracks: Array, visible: Mask) -> None:
 
 
 def check_cameras(cameras: Array, n_frames: int) -> None:
-    """Raise MethodError unless the cameras are (F, 2, 3) with orthonormal rows."""
+    """Raise MethodError unless the cameras are (F, 2, 3) with orthonormal rows, R_f R_f' = I."""
     if cameras.shape != (n_frames, 2, 3):
         raise MethodError(f"cameras have shape {cameras.shape}, wanted {(n_frames, 2, 3)}")
     if not np.allclose(cameras @ cameras.transpose(0, 2, 1), np.eye(2), atol=1e-6):
         raise MethodError("camera rows are not orthonormal")
 
 
-def check_bodies(n_bodies: int | None, n_points: int) -> None:
+def check_bodies(n_bodies: int | None, n_points: int, least: int = 2) -> None:
     """Raise MethodError unless tracks can be told apart into that many bodies, None for an unknown number."""
-    if n_bodies is not None and not 2 <= n_bodies <= n_points:
+    if n_bodies is not None and not least <= n_bodies <= n_points:
         raise MethodError(
-            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs 2 to {n_points} bodies"
+            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs {least} to {n_points} "
+            "bodies"
         )

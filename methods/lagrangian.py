@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-import numpy as np
-import scipy.linalg
-
+from methods.backend import (
+    absolute_sum,
+    cholesky_solve,
+    gram,
+    identity,
+    namespace,
+    shifted_cholesky,
+    without_diagonal,
+    zeros,
+)
 from methods.base import Array
 from methods.cameras import axes
 from methods.proximal import singular_value_threshold, soft
+
+#: (P, P): an array, or what :mod:`methods.implicit` keeps in its place.
+Square = Any
 
 RESIDUALS = ("shape", "expression", "code", "affine")
 
@@ -27,11 +38,11 @@ class State:
 
     S: Array
     shape: Array
-    C: Array
-    E: Array
+    C: Square
+    E: Square
     Y1: Array
     Y2: Array
-    Y3: Array
+    Y3: Square
     Y4: Array
     b: float
     nuclear_norm: float = field(default=0.0)
@@ -55,11 +66,10 @@ class Problem:
 
     def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""
-        S = self.cameras.transpose(0, 2, 1) @ self.W
+        S = namespace(self.W).matrix_transpose(self.cameras) @ self.W
         P = S.shape[2]
-        square = np.zeros((P, P))
-        zero = np.zeros_like(S)
-        return State(S, S, square, square, zero, zero, square, np.zeros(P), b)
+        square, zero = zeros((P, P), S), zeros(S.shape, S)
+        return State(S, S, square, square, zero, zero, square, zeros((P,), S), b)
 
     def iterate(self, state: State) -> tuple[State, dict[str, Array]]:
         """One sweep: C and E before S, so that S never meets an empty code; then S# and the multipliers.
@@ -74,12 +84,17 @@ class Problem:
         gaps = self.gaps(state)
         return self.multiplier_step(state, gaps), gaps
 
-    def code_step(self, state: State) -> Array:
+    def code_step(self, state: State) -> Square:
         """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b."""
-        P, b = state.C.shape[0], state.b
-        V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
-        H = V + np.concatenate([state.Y2.reshape(-1, P), -state.Y4[None]]) / b
-        return self.solve_code(V, H, state.E - state.Y3 / b)
+        V, H = self.code_rows(state)
+        return self.solve_code(V, H, state.E - state.Y3 / state.b)
+
+    def code_rows(self, state: State) -> tuple[Array, Array]:
+        """V = [S; 1'] and H = [S + Y2/b; 1' - Y4/b], (3F + 1, P)."""
+        xp, P = namespace(state.S), state.S.shape[2]
+        V = xp.concat([xp.reshape(state.S, (-1, P)), zeros((1, P), state.S) + 1])
+        multipliers = xp.concat([xp.reshape(state.Y2, (-1, P)), -xp.reshape(state.Y4, (1, P))])
+        return V, V + multipliers / state.b
 
     def solve_code(self, V: Array, H: Array, N: Array) -> Array:
         """C of (V'V + I) C = V'H + N for V, H (r, P) and N (P, P), its diagonal as ``diagonal`` demands.
@@ -87,29 +102,23 @@ class Problem:
         The smaller of two matrices is factored, V'V + I or V V' + I: with C = N + V'T, (V V' + I) T = H - V N.
         O(r P min(r, P) + r P^2).
         """
-        P = len(N)
-        if len(V) < P:
+        xp, (r, P) = namespace(V), V.shape
+        if r < P:
             factor = shifted_cholesky(gram(V.T), 1.0)
-            C = N + V.T @ scipy.linalg.cho_solve(factor, H - V @ N, overwrite_b=True, check_finite=False)
+            C = N + V.T @ cholesky_solve(factor, H - V @ N)
         else:
             factor = shifted_cholesky(gram(V), 1.0)
-            C = scipy.linalg.cho_solve(factor, V.T @ H + N, overwrite_b=True, check_finite=False)
+            C = cholesky_solve(factor, V.T @ H + N)
         if self.diagonal == "exact":  # multipliers m of diag(C) = 0: C = K^-1 (rhs - diag(m)), K = V'V + I
-            if len(V) < P:
-                inverse = np.eye(P) - V.T @ scipy.linalg.cho_solve(factor, V, check_finite=False)
-            else:
-                inverse = scipy.linalg.cho_solve(factor, np.eye(P), check_finite=False)
-            C -= inverse * (np.diag(C) / np.diag(inverse))
-        if self.diagonal == "paper":
-            np.fill_diagonal(C, 0)
-        return C
+            whole = identity(P, V)
+            inverse = whole - V.T @ cholesky_solve(factor, V * 1) if r < P else cholesky_solve(factor, whole)
+            C = C - inverse * (xp.linalg.diagonal(C) / xp.linalg.diagonal(inverse))
+        return without_diagonal(C) if self.diagonal == "paper" else C
 
-    def sparse_step(self, state: State) -> Array:
+    def sparse_step(self, state: State) -> Square:
         """E of eq. (18): soft threshold of C + Y3/b at l1/b, its diagonal zero."""
         E = soft(state.C + state.Y3 / state.b, self.l1 / state.b)
-        if self.diagonal == "threshold":
-            np.fill_diagonal(E, 0)
-        return E
+        return without_diagonal(E) if self.diagonal == "threshold" else E
 
     def structure_step(self, state: State) -> Array:
         """S of eq. (14), without a Sylvester solver.
@@ -117,34 +126,39 @@ class Problem:
         In each frame's own axes R'R = diag(1, 1, 0), so rows decouple: with B = (I - C)(I - C)', image rows solve
         X (B + (1 + 1/b) I) = rhs and depth rows X (B + I) = rhs. Two P x P Cholesky factorisations, O(3F P^2 + P^3).
         """
-        b = state.b
+        xp, b = namespace(state.S), state.b
         F, _, P = state.S.shape
-        M = np.eye(P) - state.C
+        M = identity(P, state.S) - state.C
         Q = axes(self.cameras)
         rhs = Q @ (state.shape + (state.Y1 - times(state.Y2, M.T)) / b)
-        rhs[:, :2] += self.W / b
+        rhs[:, :2, :] += self.W / b
         B = gram(M.T)
         for rows, shift in ((slice(0, 2), 1 + 1 / b), (slice(2, 3), 1.0)):
-            factor = shifted_cholesky(B, shift)
-            flat = rhs[:, rows].reshape(-1, P).T
-            rhs[:, rows] = scipy.linalg.cho_solve(factor, flat, check_finite=False).T.reshape(F, -1, P)
-        return Q.transpose(0, 2, 1) @ rhs
+            flat = xp.reshape(rhs[:, rows, :], (-1, P)).T
+            rhs[:, rows, :] = xp.reshape(cholesky_solve(shifted_cholesky(B, shift), flat).T, (F, -1, P))
+        return xp.matrix_transpose(Q) @ rhs
 
     def shape_step(self, state: State) -> tuple[Array, float]:
         """S# of eq. (16): singular value threshold of g(S) - Y1/b at l2/b; the shape and its nuclear norm."""
         F, _, P = state.S.shape
-        flat, norm = singular_value_threshold((state.S - state.Y1 / state.b).reshape(F, 3 * P), self.l2 / state.b)
-        return flat.reshape(F, 3, P), norm
+        xp = namespace(state.S)
+        flat = xp.reshape(state.S - state.Y1 / state.b, (F, 3 * P))
+        flat, norm = singular_value_threshold(flat, self.l2 / state.b)
+        return xp.reshape(flat, (F, 3, P)), norm
 
     def gaps(self, state: State) -> dict[str, Array]:
         """S# - g(S), S - S C, C - E and 1'C - 1'."""
         values = (
             state.shape - state.S,
             state.S - times(state.S, state.C),
-            state.C - state.E,
-            state.C.sum(axis=0) - 1,
+            self.code_gap(state),
+            namespace(state.C).sum(state.C, axis=0) - 1,
         )
         return dict(zip(RESIDUALS, values, strict=True))
+
+    def code_gap(self, state: State) -> Square:
+        """C - E."""
+        return state.C - state.E
 
     def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
         """Y += b times the violated constraint (algorithm 1)."""
@@ -155,33 +169,38 @@ class Problem:
     def objective(self, state: State) -> float:
         """1/2 |W - R S|^2 + l1 |E|_1 + l2 |S#|_*."""
         fit = self.W - self.cameras @ state.S
-        return float(0.5 * np.sum(fit**2) + self.l1 * np.abs(state.E).sum() + self.l2 * state.nuclear_norm)
+        square = float(namespace(fit).sum(fit**2))
+        return 0.5 * square + self.l1 * absolute_sum(state.E) + self.l2 * state.nuclear_norm
+
+    def operations(self, state: State) -> float:
+        """Multiplications and additions of an iteration, its lower orders left out.
+
+        Two products of r x P and P x P and the factor of the smaller side for C; a symmetric product, two factors and
+        three products of 3F x P and P x P for S; one more for S C.
+        """
+        F, _, P = state.S.shape
+        r = 3 * F + 1
+        small = min(r, P)
+        code = r * P * small + small**3 / 3 + 2.0 * P * P * (2 * small if r < P else r + P)
+        structure = P**3 + 2 * P**3 / 3 + 2.0 * 3 * F * P * P * 3
+        return code + structure + 2.0 * 3 * F * P * P + 12.0 * F * F * P
 
     def lagrangian(self, state: State) -> float:
         """The augmented Lagrangian whose blocks the steps minimise; for checks, as it costs a decomposition."""
-        F, _, P = state.S.shape
-        fit = self.W - self.cameras @ state.S
-        nuclear = np.linalg.norm(state.shape.reshape(F, 3 * P), "nuc")
-        value = 0.5 * np.sum(fit**2) + self.l1 * np.abs(state.E).sum() + self.l2 * nuclear
+        xp, (F, _, P) = namespace(state.S), state.S.shape
+        flat = xp.reshape(state.shape, (F, 3 * P))
+        value = self.objective(replace(state, nuclear_norm=float(xp.sum(xp.linalg.svdvals(flat)))))
         for Y, gap in zip((state.Y1, state.Y2, state.Y3, state.Y4), self.gaps(state).values(), strict=True):
-            value += np.sum(Y * gap) + state.b / 2 * np.sum(gap**2)
-        return float(value)
+            value += float(xp.sum(Y * gap)) + state.b / 2 * float(xp.sum(gap**2))
+        return value
 
 
 def times(X: Array, M: Array) -> Array:
     """X M for (F, 3, P) trajectories and a (P, P) matrix, as one product of 3F rows."""
-    return (X.reshape(-1, X.shape[2]) @ M).reshape(X.shape)
+    xp = namespace(X)
+    return xp.reshape(xp.reshape(X, (-1, X.shape[2])) @ M, X.shape)
 
 
-def gram(A: Array) -> Array:
-    """The lower triangle of A'A for an (m, n) array, the rest zero: half the work of the product."""
-    if A.flags.c_contiguous:  # A.T is in the order that BLAS wants, so nothing is copied
-        return scipy.linalg.blas.dsyrk(1.0, A.T, lower=1)
-    return scipy.linalg.blas.dsyrk(1.0, A, trans=1, lower=1)
-
-
-def shifted_cholesky(A: Array, shift: float) -> tuple[Array, bool]:
-    """Cholesky factor of A + shift I, of which the lower triangle is given; for ``scipy.linalg.cho_solve``."""
-    A = A.copy(order="F")
-    A[np.diag_indices(len(A))] += shift
-    return scipy.linalg.cho_factor(A, lower=True, overwrite_a=True, check_finite=False)
+def dense_bytes(n_frames: int, n_points: int, n_edges: int = 0) -> float:
+    """Bytes that the dense iteration takes at its peak: arrays of P x P, P x edges and 3F x P, as many as measured."""
+    return 8.0 * n_points * (11 * n_points + 8 * n_edges + 20 * 3 * n_frames)

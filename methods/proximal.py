@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-import scipy.linalg
-
+from methods.backend import namespace, symmetric_eigen, thin_svd
 from methods.base import Array
 
 
 def soft(X: Array, threshold: float) -> Array:
-    """Soft threshold, the proximal step of ``threshold * |X|_1``: sign(x) max(|x| - threshold, 0)."""
-    return X - np.clip(X, -threshold, threshold)
+    """Soft threshold, the proximal step of ``threshold * |X|_1``: sign(x) max(|x| - threshold, 0).
+
+    Boyd, Parikh, Chu, Peleato, Eckstein, "Distributed optimization and statistical learning via the alternating
+    direction method of multipliers", 2011, section 4.4.3.
+    """
+    return X - namespace(X).clip(X, -threshold, threshold)
 
 
 def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
@@ -32,17 +34,19 @@ def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
 
     References
     ----------
-    Cai, Candes, Shen, "A singular value thresholding algorithm for matrix completion", SIAM J. Optim. 2010.
+    Cai, Candes, Shen, "A singular value thresholding algorithm for matrix completion", SIAM J. Optim. 2010,
+    theorem 2.1.
     """
     if M.shape[0] > M.shape[1]:
         shrunk, norm = singular_value_threshold(M.T, threshold)
         return shrunk.T, norm
-    w, U = scipy.linalg.eigh(M @ M.T, check_finite=False, driver="evd")
-    s = np.sqrt(np.maximum(w, 0))
-    if threshold < 1e-6 * s[-1]:
-        U, s, Vt = scipy.linalg.svd(M, full_matrices=False, check_finite=False)
-        kept = np.maximum(s - threshold, 0)
-        return (U * kept) @ Vt, float(kept.sum())
-    keep = s > threshold
-    U, s = U[:, keep], s[keep]
-    return (U * (1 - threshold / s)) @ (U.T @ M), float((s - threshold).sum())
+    xp = namespace(M)
+    w, U = symmetric_eigen(M @ M.T)
+    s = xp.sqrt(xp.clip(w, 0.0, None))
+    if threshold < 1e-6 * float(s[-1]):
+        U, s, Vt = thin_svd(M)
+        kept = xp.clip(s - threshold, 0.0, None)
+        return (U * kept) @ Vt, float(xp.sum(kept))
+    start = int(xp.sum(xp.astype(s <= threshold, xp.int64)))  # ascending
+    U, s = U[:, start:], s[start:]
+    return (U * (1 - threshold / s)) @ (U.T @ M), float(xp.sum(s - threshold))

@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import scipy.sparse as sp
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -17,6 +18,7 @@ from harness.record import Outcome
 
 #: Okabe and Ito's colours, told apart by colour-blind readers.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+DRAWN = 3000  # points of a dense scene
 GREY, WRONG = "#9a9a9a", "#000000"
 
 
@@ -27,7 +29,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     ----------
     arrays : mapping
         The contents of a trial's ``arrays.npz``: ``tracks`` (F, 2, P), and where the method gave them
-        ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P).
+        ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P), which may be sparse.
     outcome : Outcome
     frame : int, optional
         The frame drawn; the middle one by default.
@@ -37,6 +39,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     matplotlib.figure.Figure
     """
     tracks = arrays["tracks"]
+    some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))  # all, unless there are more
     frame = len(tracks) // 2 if frame is None else frame
     truth = arrays.get("true_labels")
     labels = _matched(arrays["labels"], truth) if "labels" in arrays else None
@@ -48,9 +51,10 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     ]
     for axes, name in zip(row, panels, strict=True):
         if name == "tracks":
-            _tracks(axes, tracks, frame)
+            _tracks(axes, tracks[:, :, some], frame)
         elif name == "structure":
-            _structure(axes, arrays, frame, labels, truth)
+            shapes = {key: arrays[key][:, :, some] for key in ("structure", "true_structure") if key in arrays}
+            _structure(axes, shapes, frame, *(None if x is None else x[some] for x in (labels, truth)))
         else:
             _affinity(axes, arrays["affinity"], truth)
     figure.suptitle(_title(outcome), fontsize=11)
@@ -102,16 +106,27 @@ def _structure(
     axes.set(title="structure over the truth (circles)", aspect="equal", xticklabels=[], yticklabels=[], zticklabels=[])
 
 
-def _affinity(axes: Axes, affinity: NDArray[Any], truth: NDArray[Any] | None) -> None:
-    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(len(affinity))
-    A = affinity[np.ix_(order, order)]
+def _affinity(axes: Axes, affinity: NDArray[Any] | sp.sparray, truth: NDArray[Any] | None) -> None:
+    n = affinity.shape[0]
+    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(n)
+    A = _binned(affinity, order) if sp.issparse(affinity) else affinity[np.ix_(order, order)]
     top = np.quantile(A[A > 0], 0.98) if (A > 0).any() else 1
-    axes.imshow(np.minimum(A, top), cmap="Greys", interpolation="nearest")
+    axes.imshow(np.minimum(A, top), cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
     if truth is not None:
         for edge in np.flatnonzero(np.diff(truth[order])) + 0.5:
             axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
             axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")
+
+
+def _binned(affinity: sp.sparray, order: NDArray[Any]) -> NDArray[Any]:
+    """Sums over the cells of a grid that a figure can show, of a sparse affinity whose tracks are put in order."""
+    n, pairs = affinity.shape[0], sp.coo_array(affinity)
+    cells = min(n, 400)
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n) * cells // n
+    image = np.bincount(place[pairs.row] * cells + place[pairs.col], pairs.data, cells**2)
+    return image.reshape(cells, cells)
 
 
 def _matched(labels: NDArray[Any], truth: NDArray[Any] | None) -> NDArray[Any]:

@@ -13,7 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from datasets import procedural
 from datasets.body import Array, Body, DatasetError, centre, register, spread
-from datasets.procedural import ACTIVITIES, bodies, face, load_scene, person, stand_in
+from datasets.motion import rotations
+from datasets.people import ACTIVITIES, N_SIGNALS, _skeleton, person
+from datasets.procedural import bodies, load_scene, stand_in
+from datasets.surfaces import face, heart
 
 N_JOINTS = 22
 SEEDS = range(6)
@@ -89,7 +92,7 @@ def test_more_frames_go_on_from_the_first_ones() -> None:
 def test_rotations_agree_with_a_reference() -> None:
     v = np.random.default_rng(0).normal(0, 2, (50, 3))
     v[0], v[1] = 0, 1e-9
-    np.testing.assert_allclose(procedural._rotations(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(rotations(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-12)
 
 
 @pytest.mark.parametrize("activity", ACTIVITIES)
@@ -114,7 +117,7 @@ def test_people_stand_upright_and_do_not_turn_round(activity: str) -> None:
 
 
 def test_left_and_right_are_mirror_images_at_rest() -> None:
-    names, parents, offsets, radii = procedural._skeleton(np.random.default_rng(0))
+    names, parents, offsets, radii = _skeleton(np.random.default_rng(0))
     left = [k for k, name in enumerate(names) if name.startswith("left")]
     right = [names.index(names[k].replace("left", "right")) for k in left]
     assert len(names) == N_JOINTS and (parents[1:] < np.arange(1, N_JOINTS)).all()
@@ -123,12 +126,12 @@ def test_left_and_right_are_mirror_images_at_rest() -> None:
 
 
 def test_every_swing_names_a_joint() -> None:
-    names = procedural._skeleton(np.random.default_rng(0))[0]
+    names = _skeleton(np.random.default_rng(0))[0]
     plain = {name.partition("_")[2] for name in names} | set(names)
     for swings in ACTIVITIES.values():
         for swing in swings.split(","):
             joint, axis, _, _, signal = swing.split()
-            assert joint.removeprefix("~") in plain and axis in "xyz" and 0 <= int(signal) < procedural.N_SIGNALS
+            assert joint.removeprefix("~") in plain and axis in "xyz" and 0 <= int(signal) < N_SIGNALS
 
 
 # A face's surface
@@ -154,6 +157,24 @@ def test_a_face_is_symmetric() -> None:
     np.testing.assert_allclose(S * np.array([1, -1, 1])[:, None, None], S[..., ::-1], atol=1e-12)
 
 
+def test_a_dense_heart_is_a_full_grid_of_its_own_shape() -> None:
+    body = heart(152 * 190, 10, 0)
+    S = body.structure.reshape(10, 3, 190, 152)
+    assert (np.diff(S[0, 2], axis=0) < 0).mean() > 0.99, "rows run downward"
+    side = np.linalg.norm(body.structure[:, :, body.edges[:, 0]] - body.structure[:, :, body.edges[:, 1]], axis=1)
+    assert side.max() < 0.01
+    girth = np.ptp(S[0, 1], axis=1)
+    assert girth[50] > 1.3 * girth[140], "pointed below"
+
+
+def test_a_heart_beats_above_and_below_at_times_of_their_own() -> None:
+    S = heart(2000, 300, 0).structure
+    width = np.ptp(S[:, 1].reshape(300, 50, 40), axis=2)
+    above, below = width[:, 10], width[:, 40]
+    assert np.ptp(above) > 0.05 * above.mean() and np.ptp(below) > 0.05 * below.mean()
+    assert abs(np.corrcoef(above, below)[0, 1]) < 0.7
+
+
 # Motion
 
 
@@ -173,6 +194,15 @@ def test_faces_deform_by_a_few_expressions() -> None:
         assert np.linalg.svd(deformation(body), compute_uv=False)[7] < 1e-9, "six expressions' worth and no more"
 
 
+def test_hearts_swing_and_deform_by_a_few_modes() -> None:
+    for seed in SEEDS:
+        body = heart(60, 120, seed)
+        still = register(body.structure).reshape(120, -1)
+        still = still - still.mean(axis=0)
+        assert 2 <= rank(still, 0.999) <= 8
+        assert np.linalg.norm(still) < 0.8 * np.linalg.norm(deformation(body))
+
+
 def test_motion_is_smooth() -> None:
     """Each frame lies near the middle of its neighbours, against how far the body moves at all."""
     for body in [*people(), *faces()]:
@@ -189,7 +219,7 @@ def test_trajectories_span_far_more_than_a_rigid_body_would() -> None:
         assert (s > 1e-4 * s[0]).sum() >= 8, body.digest
 
 
-@pytest.mark.parametrize("kinds", [["person", "person"], ["person", "face"], ["face", "face"]])
+@pytest.mark.parametrize("kinds", [["person", "person"], ["person", "face"], ["face", "face"], ["face", "heart"]])
 def test_two_bodies_move_in_subspaces_of_their_own(kinds: list[str]) -> None:
     """Principal angles between the trajectories' spaces, as far apart as those of the paper's pairs."""
     for seed in SEEDS:
@@ -205,7 +235,7 @@ def test_two_bodies_move_in_subspaces_of_their_own(kinds: list[str]) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from(["person", "face"]), st.integers(2, 120), st.integers(2, 40), st.integers(0, 2**40))
+@given(st.sampled_from(["person", "face", "heart"]), st.integers(2, 120), st.integers(2, 40), st.integers(0, 2**40))
 def test_any_size_gives_a_sound_body(kind: str, n_points: int, n_frames: int, seed: int) -> None:
     [body] = bodies([kind], n_points, n_frames, seed)
     assert body.structure.shape == (n_frames, 3, n_points) and body.structure.flags.c_contiguous

@@ -150,8 +150,8 @@ def test_select_refuses_an_unknown_name() -> None:
 
 
 def test_a_new_group_needs_no_code(server: Server, tmp_path: Path) -> None:
-    more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.c3d", "c3d"))
-    [(file, error)] = sources.get(tmp_path, ["c3d"], catalogue=more)
+    more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.txt", "new"))
+    [(file, error)] = sources.get(tmp_path, ["new"], catalogue=more)
     assert error is None and (tmp_path / file.path).read_bytes() == CONTENT
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from harness.metrics import n_wrong
 from methods.base import MethodError
 from methods.edsc import EDSC, dense_code
-from methods.spectral import spectral_clustering
+from methods.spectral import leading, spectral_clustering
 from methods.ssc import SSC, code_affinity, sparse_code
 
 
@@ -128,3 +129,41 @@ def test_spectral_clustering_refuses_nonsense() -> None:
         spectral_clustering(np.ones((2, 2)), 3)
     with pytest.raises(MethodError, match="diverged"):
         spectral_clustering(np.full((4, 4), np.nan), 2)
+
+
+def blocks(rng: np.random.Generator, apart: bool) -> np.ndarray:
+    """The affinity of three groups of 30, joined weakly or not at all."""
+    labels = np.repeat([0, 1, 2], 30)
+    A = rng.random((90, 90)) * (rng.random((90, 90)) < 0.3) * (labels[:, None] == labels)
+    if not apart:
+        A += 0.02 * (rng.random((90, 90)) < 0.05)
+    return A + A.T
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("n", [2, 3])
+def test_sparse_affinity_is_cut_as_a_dense_one(rng: np.random.Generator, apart: bool, n: int) -> None:
+    A = blocks(rng, apart)
+    sparse = spectral_clustering(sp.csr_array(A), n)
+    if not (apart and n == 2):  # which two of three components stay together is anyone's choice
+        assert n_wrong(sparse, spectral_clustering(A, n)) == 0
+    np.testing.assert_array_equal(sparse, spectral_clustering(sp.csc_array(A), n))
+    if n == 3:
+        assert n_wrong(sparse, np.repeat([0, 1, 2], 30)) == 0
+
+
+def test_sparse_eigenvectors_are_the_leading_ones(rng: np.random.Generator) -> None:
+    """Two components and four vectors: the multiple eigenvalue 1, and the next two below it."""
+    A = np.zeros((60, 60))
+    for part in (slice(0, 25), slice(25, 60)):
+        block = rng.random((60, 60))[part, part]
+        A[part, part] = block + block.T
+    np.fill_diagonal(A, 0)
+    root = 1 / np.sqrt(A.sum(axis=1))
+    normalised = root[:, None] * A * root
+    values, U = leading(sp.csr_array(A), 4)
+    np.testing.assert_allclose(U.T @ U, np.eye(4), atol=1e-10)
+    top = np.linalg.eigvalsh(normalised)[-4:]
+    np.testing.assert_allclose(values, top, atol=1e-10)
+    np.testing.assert_allclose(np.linalg.eigvalsh(U.T @ normalised @ U), top, atol=1e-10)
+    assert np.abs(normalised @ U - U @ (U.T @ normalised @ U)).max() < 1e-8

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from sklearn.base import clone
 
 from datasets.scene import Scene
@@ -90,3 +91,14 @@ def test_a_projection_by_bodies_needs_their_number(small_scene: Scene) -> None:
     assert small_scene.cameras is not None
     with pytest.raises(MethodError, match="set n_bodies"):
         ClusterTracks(SSC(), projection=4).reconstruct(small_scene.tracks, small_scene.cameras, None)
+
+
+@pytest.mark.parametrize("between", [0.0, 0.05])
+def test_sparse_graphs_are_counted_alike(between: float) -> None:
+    A = blocks([8, 20, 11], between)
+    A[A < 0.04] = 0
+    np.testing.assert_allclose(eigengaps(sp.csr_array(A)), eigengaps(A), atol=1e-8)
+    assert count_clusters(sp.csr_array(A))[0] == 3
+    alone = np.zeros((40, 40))
+    alone[:39, :39] = A  # a point that nothing joins
+    np.testing.assert_allclose(eigengaps(sp.csr_array(alone)), eigengaps(alone), atol=1e-8)

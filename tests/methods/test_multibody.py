@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 
 from datasets import procedural
 from datasets.scene import Scene
@@ -177,6 +178,13 @@ def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.ra
         ({"max_iter": 0}, "max_iter"),
         ({"expression": 0.0}, "expression"),
         ({"period": -1.0}, "period"),
+        ({"spatial": 1.0}, "period=null"),
+        ({"form": "implicit"}, "period=null"),
+        ({"form": "sparse"}, "form"),
+        ({"precision": "half"}, "precision"),
+        (PRINTED | {"spatial": 1.0}, "no neighbours"),
+        (PRINTED | {"spatial": -1.0}, "spatial"),
+        (PRINTED | {"form": "implicit", "diagonal": "exact"}, "diagonal"),
     ],
 )
 def test_bad_settings_are_named(small_scene: Scene, settings: dict, word: str) -> None:
@@ -184,6 +192,38 @@ def test_bad_settings_are_named(small_scene: Scene, settings: dict, word: str) -
         MultiBody(**settings).reconstruct(small_scene.tracks, small_scene.cameras, 2)
 
 
-def test_one_body_cannot_be_told_apart(small_scene: Scene) -> None:
-    with pytest.raises(MethodError, match="segmentation needs 2"):
-        MultiBody().reconstruct(small_scene.tracks, small_scene.cameras, 1)
+def test_one_body_has_one_label(small_scene: Scene) -> None:
+    found = MultiBody(max_iter=5).reconstruct(small_scene.tracks, small_scene.cameras, 1)
+    assert found.labels is not None and not found.labels.any()
+
+
+@pytest.mark.parametrize("spatial", [0.0, 1.0])
+def test_the_form_changes_nothing(small_scene: Scene, spatial: float) -> None:
+    """Dense, or sparse plus low rank, which is taken where the dense one is foreseen to be too large."""
+    solve = {
+        form: MultiBody(**PRINTED, spatial=spatial, max_iter=60, **settings).reconstruct(
+            small_scene.tracks, small_scene.cameras, 2, edges=small_scene.edges
+        )
+        for form, settings in {
+            "dense": {},
+            "large": {"dense_gb": 0.0},
+            "single": {"dense_gb": 0, "precision": "single"},
+        }.items()
+    }
+    dense, large, single = solve["dense"], solve["large"], solve["single"]
+    assert isinstance(dense.affinity, np.ndarray) and sp.issparse(large.affinity)
+    np.testing.assert_allclose(large.structure, dense.structure, atol=1e-9)
+    np.testing.assert_allclose(large.affinity.toarray(), dense.affinity, atol=1e-8)
+    for name in ("objective", "shape", "expression", "code", "affine"):
+        curve = dense.history[name]
+        np.testing.assert_allclose(large.history[name], curve, atol=1e-8, rtol=1e-8)
+    np.testing.assert_allclose(single.structure, dense.structure, atol=2e-3)
+    assert (large.labels == dense.labels).all()
+
+
+def test_memory_is_foreseen_by_the_form() -> None:
+    printed = MultiBody(**PRINTED)
+    assert printed.memory(99, 500) == MultiBody(**PRINTED, form="dense").memory(99, 500)
+    dense = MultiBody(**PRINTED, form="dense").memory(99, 28_880)
+    assert dense > 60 * 2**30 > 10 * printed.memory(99, 28_880)
+    assert MultiBody(**PRINTED, spatial=1.0).memory(9, 500, 900) > printed.memory(9, 500, 900)

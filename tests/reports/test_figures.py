@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from datasets.scene import Scene
 from harness.record import Outcome, UsageError
 from harness.report import renew
-from reports.figures import COLOURS, _matched, overview, save
+from reports.figures import COLOURS, _binned, _matched, overview, save
 from reports.tables import build
 
 
@@ -54,6 +55,21 @@ def test_absent_parts_are_not_drawn(arrays: dict[str, np.ndarray], outcome: Outc
     assert len(overview(only, outcome).axes) == 1
     blind = {name: value for name, value in arrays.items() if not name.startswith("true_")}
     assert len(overview(blind, outcome).axes) == 3
+
+
+def test_a_sparse_affinity_is_drawn_as_the_dense_one(arrays: dict[str, np.ndarray], outcome: Outcome) -> None:
+    images = [
+        overview(arrays | {"affinity": affinity}, outcome).axes[2].images[0].get_array()
+        for affinity in (arrays["affinity"], sp.csr_array(arrays["affinity"]))
+    ]
+    np.testing.assert_allclose(images[1], images[0])
+
+
+def test_a_large_affinity_is_summed_over_cells() -> None:
+    pairs = (np.array([0, 999, 999]), np.array([1, 0, 998]))
+    image = _binned(sp.coo_array((np.array([2.0, 3.0, 4.0]), pairs), shape=(1000, 1000)), np.arange(1000)[::-1])
+    assert image.shape == (400, 400) and image.sum() == 9
+    assert (image[399, 399], image[0, 399], image[0, 0]) == (2, 3, 4)
 
 
 def test_clusters_take_the_names_of_their_bodies() -> None:

@@ -1,0 +1,60 @@
+"""One iteration of the printed formulation as sparse plus low-rank matrices, against the dense ADMM.
+
+Both start from the same iterate in the middle of a solve, where the code is as dense as it gets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from datasets import procedural
+from methods.base import standardise
+from methods.implicit import ImplicitProblem, Multiplier
+from methods.lagrangian import Problem, State
+
+FRAMES = 99
+FORMS: dict[str, dict[str, Any]] = {
+    "implicit, double": {"dtype": np.float64, "cg_tol": 1e-13},
+    "implicit, single": {"dtype": np.float32, "cg_tol": 1e-5},
+}
+
+
+@cache
+def middle(P: int, form: str) -> tuple[ImplicitProblem, State]:
+    """60 iterations into a solve of two surfaces, b = .3."""
+    scene = procedural.load_scene(["face", "heart"], P // 2, FRAMES, 0, name="surfaces")
+    W = standardise(scene.tracks).W
+    problem = ImplicitProblem(W, scene.cameras, 3e-3, 0.1, **FORMS[form])
+    state = problem.start(1e-3)
+    for _ in range(60):
+        state = problem.iterate(state)[0]
+        state = replace(state, b=1.1 * state.b)
+    return problem, state
+
+
+def densified(problem: ImplicitProblem, state: State) -> tuple[Problem, State]:
+    """The same iterate for the dense problem."""
+    U: Multiplier = state.Y3
+    E, P = state.E.toarray().astype(float), state.E.shape[0]
+    Y3 = U.b * (U.V.T @ U.M + U.drift.toarray()).astype(float)
+    C = state.C.rows(slice(0, P)).astype(float)
+    return Problem(problem.W, problem.cameras, problem.l1, problem.l2), replace(state, C=C, E=E, Y3=Y3)
+
+
+@pytest.mark.parametrize("P", [1000, 3275])
+@pytest.mark.parametrize("form", ["dense", *FORMS])
+def test_iteration(benchmark, P: int, form: str) -> None:
+    benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
+    if form == "dense":
+        problem, state = densified(*middle(P, "implicit, single"))
+    else:
+        problem, state = middle(P, form)
+        benchmark.extra_info["entries of E a track"] = state.E.nnz / P
+    after = benchmark.pedantic(problem.iterate, (state,), rounds=3, warmup_rounds=1)[0]
+    wanted = densified(*middle(P, "implicit, single"))[0].iterate(densified(*middle(P, "implicit, single"))[1])[0]
+    assert np.linalg.norm(after.S - wanted.S) < 1e-3 * np.linalg.norm(wanted.S)
