@@ -151,7 +151,7 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
     """
     rows: dict[Any, Blessed] = {}
     for outcome in outcomes:
-        if outcome.level or outcome.identity in rows:
+        if outcome.level or outcome.parameters.get("gaps") or outcome.identity in rows:
             continue
         metrics: dict[str, float] = {}
         points = outcome.n_points

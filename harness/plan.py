@@ -54,10 +54,10 @@ def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
     planned = []
     for trial, settings in trials:
         key, reason = identify(trial, settings)
-        outcome, need = read_record(settings.trials / key), None
-        if outcome is None and not reason:
-            need, reason = _memory(trial, settings)
-        planned.append(Planned(trial, key, reason, outcome, need))
+        outcome, need, why = read_record(settings.trials / key), None, str(reason or "")
+        if outcome is None and not why:
+            need, why = _memory(trial, settings)
+        planned.append(Planned(trial, key, why, outcome, need))
     return planned, trials[0][1]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.answers import answers
 from harness.arguments import Parser
-from harness.record import OK, UsageError
+from harness.record import ABSENT, OK, UsageError
 from harness.storage import ARRAYS, unpack, write_atomically
 from reports.tables import Answer, Table, build
 from reports.writers import FORMATS, console, glance, tally
@@ -186,9 +186,12 @@ def main(argv: Sequence[str]) -> int:
     print(summary(built))
     print(f"Written to {folder}")
     lacking = [trial for group in found.values() for trial, run in group if run is None]
-    failed = [trial for group in found.values() for trial, run in group if run and run.outcome.status != OK]
+    ended = [run.outcome.status for group in found.values() for _, run in group if run]
+    absent, failed = ended.count(ABSENT), sum(status not in (OK, ABSENT) for status in ended)
     if lacking:
         print(f"{len(lacking)} trials are not run yet; 'harness run +experiment=...' runs them", file=sys.stderr)
+    if absent:
+        print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)
     if failed:
-        print(f"{len(failed)} trials failed; the cells say why", file=sys.stderr)
-    return 2 if lacking or failed else 0
+        print(f"{failed} trials failed; the cells say why", file=sys.stderr)
+    return 2 if lacking or absent or failed else 0

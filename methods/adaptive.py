@@ -27,6 +27,7 @@ from methods.backend import symmetric_eigen, without_diagonal
 from methods.base import (
     DIAGONALS,
     Array,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -37,7 +38,7 @@ from methods.base import (
     check_word,
     standardise,
 )
-from methods.bmm import ShapeFit, fit_shape
+from methods.bmm import ShapeFit, complete_by_shape, fit_shape
 from methods.cameras import axes
 from methods.lagrangian import Problem, State, minimise
 from methods.motion import directions, noise_variance, spectrum
@@ -212,18 +213,19 @@ class AdaptiveMultiBody(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`."""
-        data = standardise(tracks)
         check_cameras(cameras, len(tracks))
-        check_bodies(n_bodies, tracks.shape[2])
+        data = standardise(complete_by_shape(tracks, cameras, visible))
+        check_bodies(n_bodies, tracks.shape[2], least=1)
         self._check_settings()
         problem, state = self.adapt(data.W, cameras)
-        state, history = minimise(problem, state, self.max_iter, self.tol, progress=progress)
+        state, history = minimise(problem, state, self.max_iter, self.tol, visible=visible, progress=progress)
         affinity = np.abs(state.E) + np.abs(state.E.T)
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed),

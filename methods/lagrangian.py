@@ -5,6 +5,7 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
 
 from __future__ import annotations
 
+import copy
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
@@ -23,8 +24,9 @@ from methods.backend import (
     without_diagonal,
     zeros,
 )
-from methods.base import Array, Progress
+from methods.base import Array, Mask, Progress
 from methods.cameras import axes
+from methods.gaps import fill
 from methods.proximal import singular_value_threshold, soft
 
 #: (P, P): an array, or what :mod:`methods.implicit` keeps in its place.
@@ -61,6 +63,12 @@ class Problem:
     l1: float
     l2: float
     diagonal: str = "threshold"
+
+    def at(self, W: Array) -> Problem:
+        """The same problem with other tracks; whatever was derived from the first ones stays."""
+        other = copy.copy(self)
+        object.__setattr__(other, "W", W)
+        return other
 
     def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""
@@ -207,9 +215,14 @@ def minimise(
     *,
     growth: float = 1.0,
     max_penalty: float = float("inf"),
+    visible: Mask | None = None,
     progress: Progress | None = None,
 ) -> tuple[State, dict[str, Array]]:
     """Algorithm 1: iterate until all gaps' infinity norms are below ``tol``; b grows after each iteration.
+
+    Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
+    R S + t 1' that minimise the objective (:func:`methods.gaps.fill`). At the end of it all their residual is zero, so
+    that the data term is that of the visible tracks.
 
     Returns the last state and curves by iteration: the objective, the gaps' norms, CPU seconds and operations.
     """
@@ -217,6 +230,8 @@ def minimise(
     for iteration in range(1, max_iter + 1):
         start = time.process_time()
         state, gaps = problem.iterate(state)
+        if visible is not None:
+            problem = problem.at(fill(problem.W, problem.cameras @ state.S, visible))
         history["seconds"].append(time.process_time() - start)
         history["operations"].append(problem.operations(state))
         residuals = {name: largest(gap) for name, gap in gaps.items()}

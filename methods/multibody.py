@@ -21,6 +21,7 @@ from methods.backend import on_device, to_numpy
 from methods.base import (
     DIAGONALS,
     Array,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -32,6 +33,7 @@ from methods.base import (
     no_edges,
     standardise,
 )
+from methods.bmm import complete_by_shape
 from methods.implicit import ImplicitProblem, implicit_bytes
 from methods.lagrangian import Problem, dense_bytes, minimise
 from methods.spatial import Neighbours, SpatialProblem
@@ -113,16 +115,19 @@ class MultiBody(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`."""
-        data = standardise(tracks)
         check_cameras(cameras, len(tracks))
+        data = standardise(complete_by_shape(tracks, cameras, visible))
         check_bodies(n_bodies, tracks.shape[2], least=1)
         self._check_settings()
+        if visible is not None and self.device is not None:
+            raise MethodError("method.device does not go with gaps in the tracks; leave it out")
         problem = self._problem(data.W, cameras, no_edges() if edges is None else edges)
         state = problem.start(self.penalty)
         state, history = minimise(
@@ -132,13 +137,13 @@ class MultiBody(Method):
             self.tol,
             growth=self.growth,
             max_penalty=self.max_penalty,
+            visible=visible,
             progress=progress,
         )
         code = abs(to_numpy(state.E)[:, : tracks.shape[2]])
         affinity = code + code.T
-        alone = np.zeros(tracks.shape[2], dtype=np.int64)
         return Reconstruction(
-            labels=spectral_clustering(affinity, n_bodies, seed=self.seed) if n_bodies > 1 else alone,
+            labels=spectral_clustering(affinity, n_bodies, seed=self.seed),
             structure=to_numpy(state.S) * data.scale,
             cameras=cameras,
             affinity=affinity,

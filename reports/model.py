@@ -46,7 +46,9 @@ class Setting:
         Whatever else of the scene is not as it is by default.
     level : float
         Noise, as a share of the largest image coordinate.
-    bodies : int or None
+    gaps : str
+        Observations dropped: kind and share.
+    bodies : int, "auto" or None
         Clusters asked for, where that is not the scene's number.
     """
 
@@ -55,7 +57,8 @@ class Setting:
     motion: str = "registered"
     scene: str = ""
     level: float = 0.0
-    bodies: int | None = None
+    gaps: str = ""
+    bodies: int | str | None = None
 
     def words(self, names: tuple[str, ...] = ()) -> str:
         """``cameras known, placement paper, ...``; all of it, or the named fields."""
