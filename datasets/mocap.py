@@ -170,10 +170,12 @@ def load_scene(
     *,
     motion: str = "registered",
     missing: Callable[[str, Recording], Body] | None = None,
+    turn_upright: bool | Sequence[str] = False,
     **placement: Any,
 ) -> Scene:
     """Compose a scene of any of the eight sequences; ``placement`` goes to :func:`datasets.scene.compose`.
 
+    ``turn_upright`` may name sequences that are not in the scene, so that one setting serves many scenes.
     ``missing`` makes the body that takes the place of a sequence whose file is absent; without it an absent
     file raises MissingData.
     """
@@ -185,4 +187,8 @@ def load_scene(
             if missing is None:
                 raise
             loaded.append(missing(name, recording(name)))
-    return compose(loaded, **placement)
+    if isinstance(turn_upright, list):
+        if unknown := [name for name in turn_upright if name not in SEQUENCES]:
+            raise DatasetError(f"dataset.upright names {unknown[0]!r}, which is none of {', '.join(SEQUENCES)}")
+        turn_upright = [name for name in turn_upright if name in bodies]
+    return compose(loaded, turn_upright=turn_upright, **placement)

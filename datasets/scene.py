@@ -13,6 +13,7 @@ from datasets.cameras import orbit, project
 from datasets.noise import add_noise
 
 PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
+SCALES = ("sequence", "cut", "stored")
 
 
 @dataclass(frozen=True)
@@ -160,16 +161,16 @@ def compose(
     *,
     name: str | None = None,
     placement: str | Sequence[float] = "paper",
-    turn_upright: bool = False,
-    scale: bool = True,
+    turn_upright: bool | Sequence[str] = False,
+    scale: str = "sequence",
     n_frames: int | None = None,
     degrees_per_frame: float = 5.0,
 ) -> Scene:
     """Place bodies beside each other and view them with one orbiting camera.
 
-    Each body is centred per frame and scaled to unit spread over its whole sequence, then all are cut to the
-    shortest; body k is moved by k times the placement's step; the scene is centred per frame and scaled to
-    unit spread. Spread is the mean over frames and axes of the standard deviation over points.
+    Each body is centred per frame and scaled to unit spread, and all are cut to the shortest; body k is moved by k
+    times the placement's step; the scene is centred per frame and scaled to unit spread. Spread is the mean over frames
+    and axes of the standard deviation over points.
 
     Parameters
     ----------
@@ -179,10 +180,11 @@ def compose(
         Scene name; the bodies' names joined by ``_`` by default.
     placement : {"paper", "intersecting"} or three numbers
         Step from each body to the next, in units of one body's spread.
-    turn_upright : bool
-        Turn every body so that its vertical is z, the axis the camera circles.
-    scale : bool
-        Scale each body to unit spread; off keeps the sources' units.
+    turn_upright : bool or names of bodies
+        Turn every body, or those, so that its vertical is z, the axis the camera circles.
+    scale : {"sequence", "cut", "stored"}
+        Scale each body to unit spread over its whole sequence, or over the frames that are kept; ``stored`` keeps the
+        sources' units.
     n_frames : int, optional
         Keep the first frames alone.
     degrees_per_frame : float
@@ -196,13 +198,14 @@ def compose(
     Raises
     ------
     DatasetError
-        If there is no body, the placement is unknown or fewer frames exist than asked for.
+        If there is no body, the placement is unknown, a body to be turned is not there, or fewer frames exist than
+        asked for.
     """
     if not bodies:
         raise DatasetError("dataset.bodies is empty, wanted at least one body")
-    for setting, value in (("upright", turn_upright), ("scale", scale)):
-        if not isinstance(value, bool):
-            raise DatasetError(f"dataset.{setting} is {value!r}, wanted true or false")
+    turned = _turned(turn_upright, [body.name for body in bodies])
+    if scale not in SCALES:
+        raise DatasetError(f"dataset.scale is {scale!r}, wanted one of {', '.join(SCALES)}")
     if isinstance(degrees_per_frame, bool) or not isinstance(degrees_per_frame, int | float):
         raise DatasetError(f"dataset.degrees_per_frame is {degrees_per_frame!r}, wanted a number")
     step = offset(placement)
@@ -211,11 +214,12 @@ def compose(
         raise DatasetError(f"dataset.frames is {n_frames}, but the bodies allow 2..{shortest}")
     parts, edges, start = [], [], 0
     for k, body in enumerate(bodies):
-        S = centre(upright(body.structure, body.vertical) if turn_upright else body.structure)
-        size = spread(S)
+        S = centre(upright(body.structure, body.vertical) if body.name in turned else body.structure)
+        kept = S[: n_frames or shortest]
+        size = spread(kept if scale == "cut" else S)
         if size == 0:
             raise DatasetError(f"body {body.name}: all points coincide, so it cannot be scaled")
-        parts.append((S / size if scale else S)[: n_frames or shortest] + k * step[:, None])
+        parts.append((kept if scale == "stored" else kept / size) + k * step[:, None])
         edges.append(body.edges + start)
         start += body.n_points
     structure = centre(np.concatenate(parts, axis=2))
@@ -232,3 +236,12 @@ def compose(
         digest=" ".join(b.digest for b in bodies),
         stand_in=any(b.stand_in for b in bodies),
     )
+
+
+def _turned(asked: bool | Sequence[str], names: Sequence[str]) -> Sequence[str]:
+    """The names of the bodies that are turned upright."""
+    if isinstance(asked, bool):
+        return names if asked else ()
+    if isinstance(asked, str) or not isinstance(asked, Sequence) or not set(asked) <= set(names):
+        raise DatasetError(f"dataset.upright is {asked!r}, wanted true, false, or some of {list(names)}")
+    return asked

@@ -11,7 +11,8 @@ from typing import Any
 from harness.baseline import Baseline, Blessed, bless, index, rounded
 from harness.comparison import Comparison, Line, State, markdown, show
 from harness.record import OK, Outcome, UsageError
-from reports.layouts import LAYOUTS, Metric
+from reports.design import Metric
+from reports.layouts import LAYOUTS
 from reports.tables import wrong_tracks
 from reports.text import one_line
 
@@ -154,10 +155,12 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
             continue
         metrics: dict[str, float] = {}
         points = outcome.n_points
-        for design in LAYOUTS.values():
+        asked = outcome.parameters | {"method": {"name": outcome.method}, "cameras": {"source": outcome.cameras}}
+        for design in (layout for layout in LAYOUTS.values() if not layout.study):
             points = design.published_points(outcome.dataset) or points
-            for metric in design.metrics:
-                text = design.printed(outcome.dataset, outcome.method, metric.name)
+            method = design.method(asked)
+            for metric in method.metrics or design.metrics:
+                text = design.printed(outcome.dataset, method, metric)
                 if text is not None and (not metric.counts or points):
                     name, value = _published(metric, float(text), points or 0)
                     metrics.setdefault(name, value)

@@ -23,7 +23,7 @@ from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
 from methods.base import NO_CAMERAS, Array, MethodError, Progress, Reconstruction
 from methods.registry import build_method
-from methods.rotation import RANK, estimate_cameras
+from methods.rotation import estimate_cameras
 
 EXPECTED = (DatasetError, MethodError, UsageError)
 
@@ -114,7 +114,8 @@ def compute(
 
 def _cameras(scene: Scene, trial: Trial) -> Array:
     if trial.cameras["source"] != "known":
-        return estimate_cameras(scene.tracks, trial.cameras.get("rank", RANK))
+        options = {name: trial.cameras[name] for name in ("rank", "start", "refine") if name in trial.cameras}
+        return estimate_cameras(scene.tracks, **options)
     if scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     return scene.cameras

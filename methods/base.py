@@ -118,7 +118,8 @@ class Standardised:
 def standardise(tracks: Array) -> Standardised:
     """Centre (F, 2, P) tracks per frame and scale them to unit mean per-row standard deviation.
 
-    The weights of the methods assume these units.
+    Centred tracks obey W = R S without a translation (Kumar, Dai, Li, 3DV 2016, eq. 1). The weights of the methods
+    assume these units.
 
     Raises
     ------
@@ -152,7 +153,7 @@ def check_tracks(tracks: Array) -> None:
 
 
 def check_cameras(cameras: Array, n_frames: int) -> None:
-    """Raise MethodError unless the cameras are (F, 2, 3) with orthonormal rows."""
+    """Raise MethodError unless the cameras are (F, 2, 3) with orthonormal rows, R_f R_f' = I."""
     if cameras.shape != (n_frames, 2, 3):
         raise MethodError(f"cameras have shape {cameras.shape}, wanted {(n_frames, 2, 3)}")
     if not np.allclose(cameras @ cameras.transpose(0, 2, 1), np.eye(2), atol=1e-6):

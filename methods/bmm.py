@@ -147,7 +147,7 @@ def fit_shape(
 
 
 def cut_rank(structure: Array, rank: int) -> Array:
-    """Nearest (F, 3, P) structure whose F x 3P arrangement has the given rank."""
+    """Nearest (F, 3, P) structure with rank(S#) <= K for its F x 3P arrangement S# (Eckart, Young 1936)."""
     F, _, P = structure.shape
     if not rank >= 1:
         raise MethodError(f"rank is {rank}, wanted at least 1")

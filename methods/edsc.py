@@ -75,7 +75,8 @@ class EDSC(ClusterMixin, BaseEstimator):
 def dense_code(X: Array, weight: float, affine: bool) -> Array:
     """min 1/2 |C|^2 + weight/2 |X - X C|^2, and 1'C = 1' when affine; (D, N) points to an (N, N) code.
 
-    The affine solution is C = I - V (V'V + V' weight X'X V)^-1 V' with V spanning the null space of 1'.
+    The linear solution is C = (I + weight X'X)^-1 weight X'X, eq. (6); the affine one, eq. (16), is
+    C = I - V (V'V + V' weight X'X V)^-1 V' with V spanning the null space of 1'.
     """
     n = X.shape[1]
     G = weight * (X.T @ X)
@@ -86,7 +87,9 @@ def dense_code(X: Array, weight: float, affine: bool) -> Array:
 
 
 def shape_interaction(C: Array, rank: int, power: float) -> Array:
-    """Affinity (U U')^power of the leading singular vectors of the symmetrised code, rows at unit length."""
+    """Affinity |M M'|^power, section 4: M holds the rows of U sqrt(D) at unit length, U D V' the symmetrised code's SVD
+    cut to a rank.
+    """
     U, s, _ = scipy.linalg.svd((C + C.T) / 2, check_finite=False)
     M = U[:, :rank] * np.sqrt(s[:rank])
     M /= np.maximum(np.linalg.norm(M, axis=1, keepdims=True), np.finfo(float).tiny)

@@ -77,6 +77,10 @@ class ReconstructThenCluster(Method):
     ----------
     reconstructor : Method
     clusterer : estimator
+
+    References
+    ----------
+    Kumar, Dai, Li, 3DV 2016, section 4, baseline method 1.
     """
 
     provides = frozenset({"labels", "structure"})
@@ -118,6 +122,10 @@ class ClusterThenReconstruct(Method):
     trajectory_order : int
         Number of DCT vectors of a centroid's trajectory. It must stay well below the frequency at which the camera
         circles the scene, or a moving body cannot be told from a moving camera.
+
+    References
+    ----------
+    Kumar, Dai, Li, 3DV 2016, section 4, baseline method 2.
     """
 
     provides = frozenset({"labels", "structure"})
@@ -157,7 +165,10 @@ class ClusterThenReconstruct(Method):
 
 
 def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tuple[Labels, Array]:
-    """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features."""
+    """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
+
+    The columns of W or S on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4).
+    """
     n_points = trajectories.shape[-1]
     check_bodies(n_bodies, n_points)
     samples = trajectories.reshape(-1, n_points).T
@@ -208,6 +219,10 @@ def lift(centroid: Array, cameras: Array, order: int) -> Array:
     ------
     MethodError
         If the order is not in 1..F.
+
+    References
+    ----------
+    Akhter, Sheikh, Khan, Kanade, "Trajectory space", PAMI 2011: a point's trajectory is Theta a, Theta the DCT basis.
     """
     F = len(centroid)
     if not 1 <= order <= F:

@@ -7,7 +7,11 @@ from methods.base import Array
 
 
 def soft(X: Array, threshold: float) -> Array:
-    """Soft threshold, the proximal step of ``threshold * |X|_1``: sign(x) max(|x| - threshold, 0)."""
+    """Soft threshold, the proximal step of ``threshold * |X|_1``: sign(x) max(|x| - threshold, 0).
+
+    Boyd, Parikh, Chu, Peleato, Eckstein, "Distributed optimization and statistical learning via the alternating
+    direction method of multipliers", 2011, section 4.4.3.
+    """
     return X - namespace(X).clip(X, -threshold, threshold)
 
 
@@ -30,7 +34,8 @@ def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
 
     References
     ----------
-    Cai, Candes, Shen, "A singular value thresholding algorithm for matrix completion", SIAM J. Optim. 2010.
+    Cai, Candes, Shen, "A singular value thresholding algorithm for matrix completion", SIAM J. Optim. 2010,
+    theorem 2.1.
     """
     if M.shape[0] > M.shape[1]:
         shrunk, norm = singular_value_threshold(M.T, threshold)

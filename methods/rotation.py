@@ -20,6 +20,9 @@ WEIGHTS = (1e0, 1e1, 1e3)
 #: Shapes K of a scene that nothing better is known of.
 RANK = 11
 
+#: Where the metric upgrade starts from: the trace-norm program, or the metric upgrade of a rigid scene.
+STARTS = ("trace_norm", "rigid")
+
 
 @dataclass(frozen=True)
 class GramFit:
@@ -36,7 +39,7 @@ class GramFit:
         return (self.objective - self.bound) / self.objective
 
 
-def estimate_cameras(tracks: Array, rank: int = RANK) -> Array:
+def estimate_cameras(tracks: Array, rank: int = RANK, *, start: str = "trace_norm", refine: bool = True) -> Array:
     """Orthographic cameras of a non-rigid scene, by factorisation to rank 3K and metric upgrade.
 
     The centred tracks are cut to rank 3K, W = M B with M = U sqrt(D); :func:`metric_upgrade` finds G, and each pair of
@@ -50,6 +53,10 @@ def estimate_cameras(tracks: Array, rank: int = RANK) -> Array:
     rank : int
         The number of shapes K. Where the tracks have lower rank than 3K, or 3K > 2F/3 (then the 2F constraints no
         longer determine G), as many columns are kept as these allow.
+    start : {"trace_norm", "rigid"}
+        See :func:`metric_upgrade`.
+    refine : bool
+        Refine the metric upgrade; without it G is where it started.
 
     Returns
     -------
@@ -58,14 +65,15 @@ def estimate_cameras(tracks: Array, rank: int = RANK) -> Array:
     Raises
     ------
     MethodError
-        If the tracks are too few, flat (of rank less than 3), or coincide in a row of a frame; or K < 1.
+        If the tracks are too few, flat (of rank less than 3), or coincide in a row of a frame; or K < 1; or the start
+        is unknown.
 
     References
     ----------
     Dai, Li, He, IJCV 2014, section 3 (the trace-norm minimisation and its refinement).
     """
     M = factor(standardise(tracks).W, rank)
-    G, _ = metric_upgrade(M)
+    G, _ = metric_upgrade(M, start, refine)
     return orthonormal_rows(M @ G)
 
 
@@ -96,16 +104,30 @@ def factor(W: Array, rank: int) -> Array:
     return M
 
 
-def metric_upgrade(M: Array) -> tuple[Array, float]:
+def metric_upgrade(M: Array, start: str = "trace_norm", refined: bool = True) -> tuple[Array, float]:
     """G (n, 3) that makes the rows of M G orthogonal and of one length per frame, and the sum of squares that is left.
 
-    The Gram matrix Q = G G' comes from :func:`fit_gram`, its best factor of rank 3 is refined by :func:`refine`: once
-    for every weight of :data:`WEIGHTS`, and the lowest is kept. With several shapes the residual is flat: K triples
-    of columns solve an exact problem, and so does whatever lies between them, so that little separates cameras that
-    are right from cameras that are a few degrees off.
+    From ``trace_norm``, the Gram matrix Q = G G' comes from :func:`fit_gram`, once for every weight of :data:`WEIGHTS`;
+    from ``rigid``, from the first three columns of M alone, as if the scene were rigid. The best factors of rank 3 are
+    refined by :func:`refine`, and the lowest is kept. With several shapes the residual is flat: K triples of columns
+    solve an exact problem, and so does whatever lies between them, so that little separates cameras that are right
+    from cameras that are a few degrees off.
+
+    References
+    ----------
+    Dai, Li, He, IJCV 2014, section 3; for a rigid scene, Tomasi, Kanade, "Shape and motion from image streams under
+    orthography: a factorization method", IJCV 1992, section 3.
     """
-    starts = [_rank_three(fit_gram(M, weight).Q) for weight in WEIGHTS]
-    return min((refine(M, G) for G in starts), key=lambda found: found[1])
+    if start not in STARTS:
+        raise MethodError(f"cameras.start is {start!r}, wanted one of {', '.join(STARTS)}")
+    if not isinstance(refined, bool):
+        raise MethodError(f"cameras.refine is {refined!r}, wanted true or false")
+    if start == "rigid":
+        starts = [np.pad(_rank_three(fit_gram(M[:, :, :3]).Q), ((0, M.shape[2] - 3), (0, 0)))]
+    else:
+        starts = [_rank_three(fit_gram(M, weight).Q) for weight in WEIGHTS]
+    upgrades = [refine(M, G) if refined else (G, float(np.sum(residuals(M, G) ** 2))) for G in starts]
+    return min(upgrades, key=lambda found: found[1])
 
 
 def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float = 1e-5) -> GramFit:

@@ -50,7 +50,10 @@ def spectral_clustering(affinity: Array | sp.sparray, n_clusters: int, *, restar
 
 
 def embedding(affinity: Array | sp.sparray, n_vectors: int) -> Array:
-    """Rows of the ``n_vectors`` leading eigenvectors of D^-1/2 A D^-1/2, each scaled to unit length."""
+    """Rows of the ``n_vectors`` leading eigenvectors of D^-1/2 A D^-1/2, each scaled to unit length.
+
+    Steps 2 to 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001; D holds the row sums of A, whose diagonal is zero.
+    """
     if sp.issparse(affinity):
         U = _sparse_eigenvectors(sp.csr_array(affinity), n_vectors)
     else:

@@ -89,7 +89,7 @@ def _check_settings(model: SSC) -> None:
 
 
 def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:
-    """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine; ADMM with penalty alpha.
+    """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine: eq. (15), by algorithm 2 with penalty alpha.
 
     With a = alpha / m (m as in :class:`SSC`) the penalty cancels from the Z-step. Stacked as V = [X / sqrt(m); 1'] it
     is Z = N + V'(I + V V')^-1 (B - V N), N = C - U, where B is V with the multiplier of 1'Z = 1' taken off its last
@@ -142,7 +142,7 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
 def code_affinity(C: Array, share: float = 1.0, scale: bool = True) -> Array:
     """|C| + |C'| after keeping each column's largest coefficients up to a share of its l1 mass.
 
-    With ``scale`` each column is divided by its largest coefficient first.
+    With ``scale`` each column is divided by its largest coefficient first: steps 2 and 3 of algorithm 1.
     """
     A = np.abs(C)
     if share < 1:

@@ -7,7 +7,8 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from reports.model import LEGEND, Cell, Column, Table, Verdict
+from reports.design import Metric
+from reports.model import LEGEND, Cell, Table, Verdict
 from reports.text import count, number
 
 WIDTH = 120
@@ -32,7 +33,7 @@ def console(table: Table, target: Console | None = None) -> None:
     target.print(_grid(table))
     for line in reasons(table):
         target.print(Text(line, "dim"))
-    if table.printed:
+    if table.published:
         target.print(Text(LEGEND, "dim"))
     target.print(Text(table.summary, "bold"))
 
@@ -50,35 +51,39 @@ def _grid(table: Table) -> Grid:
     grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
     grid.add_column("Dataset", overflow="fold")
     grid.add_column("Method", no_wrap=True)
-    for metric in table.metrics:
-        if table.printed:
+    metrics = {metric.shown: metric for metric in table.metrics}
+    for metric in metrics.values():
+        if table.published:
             grid.add_column("paper", justify="right", style="dim", no_wrap=True)
         grid.add_column(metric.shown, justify="right", no_wrap=True)
-        if table.printed:
+        if table.published:
             grid.add_column("", no_wrap=True)
         if metric.beside:
             grid.add_column(metric.beside, justify="right", style="dim", no_wrap=True)
-        if metric.counts:
+        if metric.counted:
             grid.add_column("wrong", justify="right", no_wrap=True)
     for row in (*table.rows, *table.means):
-        for i, (method, label) in enumerate(table.methods):
-            cells = [(c, cell) for c, cell in zip(table.columns, row.cells, strict=True) if c.method == method]
+        for i, (method, columns) in enumerate(table.methods.items()):
+            cells = zip(table.columns, row.cells, strict=True)
+            found = {column.metric.shown: cell for column, cell in cells if column.method == method}
+            line = [t for name, metric in metrics.items() for t in _texts(metric, found.get(name), table.published)]
             last = i == len(table.methods) - 1
-            grid.add_row(Text("" if i else row.label), Text(label), *_line(cells, table.printed), end_section=last)
+            grid.add_row(Text("" if i else row.label), Text(columns[0].label), *line, end_section=last)
     return grid
 
 
-def _line(cells: list[tuple[Column, Cell]], printed: bool) -> list[Text]:
-    line = []
-    for column, cell in cells:
-        line += [Text(cell.published or "")] * printed
-        line.append(_measured(cell))
-        line += [Text(cell.verdict.symbol, STYLES.get(cell.verdict, "dim"))] * printed
-        if column.metric.beside:
-            line.append(Text("" if cell.beside is None else number(cell.beside)))
-        if column.metric.counts:
-            counted = cell.wrong is not None and cell.points is not None
-            line.append(Text(f"{count(cell.wrong or 0)}/{cell.points}" if counted else ""))
+def _texts(metric: Metric, cell: Cell | None, published: bool) -> list[Text]:
+    """What stands under a metric's headings; nothing for a method that the table does not hold to it."""
+    if cell is None:
+        return [Text("")] * (1 + 2 * published + bool(metric.beside) + metric.counted)
+    line = [Text(cell.published or "")] * published
+    line.append(_measured(cell))
+    line += [Text(cell.verdict.symbol, STYLES.get(cell.verdict, "dim"))] * published
+    if metric.beside:
+        line.append(Text("" if cell.beside is None else number(cell.beside)))
+    if metric.counted:
+        counted = cell.wrong is not None and cell.points is not None
+        line.append(Text(f"{count(cell.wrong or 0)}/{cell.points}" if counted else ""))
     return line
 
 

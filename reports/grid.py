@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 from harness.record import OK, Outcome, Trial, digest
+from reports.design import Layout, Method
 from reports.model import Setting
 from reports.text import one_line
 
@@ -24,6 +25,10 @@ class Tracked(Protocol):
 
 
 Answer = tuple[Trial, Tracked | None]
+Place = tuple[str, Setting]
+
+SCENE: Mapping[str, Any] = {"frames": None, "scale": "sequence", "upright": False, "degrees_per_frame": 5.0}
+"""The settings of the published scenes that have no field of their own in :class:`~reports.model.Setting`."""
 
 
 @dataclass(frozen=True)
@@ -37,54 +42,49 @@ class RowKey:
 
 @dataclass
 class Grid:
-    """Answers by row and method, rows in the order of the table."""
+    """Answers by row and method's key, rows in the order of the table, and the methods in the order of asking."""
 
-    rows: dict[RowKey, dict[str, list[Answer]]] = field(default_factory=dict)
-
-    @property
-    def methods(self) -> tuple[str, ...]:
-        """Methods asked for, in the order of asking."""
-        return tuple(dict.fromkeys(method for cells in self.rows.values() for method in cells))
+    rows: dict[RowKey, dict[str, list[Answer]]]
+    methods: tuple[Method, ...]
 
     @property
     def settings(self) -> tuple[Setting, ...]:
         return tuple(dict.fromkeys(key.setting for key in self.rows))
 
 
-def grid(
-    answers: Sequence[Answer], printed: Sequence[str], rows: Callable[[str], Sequence[str]] = lambda dataset: (dataset,)
-) -> Grid:
-    """Sort answers into the rows of a table.
+def grid(answers: Sequence[Answer], design: Layout) -> Grid:
+    """Sort answers into the rows of a table and its methods.
 
     Parameters
     ----------
     answers : sequence of (Trial, Tracked or None)
         What was asked, and the run that answers it.
-    printed : sequence of str
-        The paper's rows; all of them appear, asked for or not, before any other.
-    rows : callable
-        The rows that a dataset counts in; its own by default.
+    design : Layout
+        The paper's rows all appear, asked for or not, before any other.
 
     Returns
     -------
     Grid
     """
-    real, generated = _kinds(answers)
+    places = [_place(trial, design) for trial, _ in answers]
+    real, generated = _kinds(answers, places)
     found: dict[RowKey, dict[str, list[Answer]]] = {}
-    for answer in answers:
-        dataset, setting = place = _place(answer)
+    methods: dict[str, Method] = {}
+    for answer, place in zip(answers, places, strict=True):
+        dataset, setting = place
+        method = design.method(asdict(answer[0]))
+        methods.setdefault(method.key, method)
         stand_in = _stand_in(answer[1], only=place in generated and place not in real)
-        for row in rows(dataset):
-            cells = found.setdefault(RowKey(row, setting, stand_in), {})
-            cells.setdefault(one_line(answer[0].method["name"]), []).append(answer)
+        for row in design.rows(dataset):
+            found.setdefault(RowKey(row, setting, stand_in), {}).setdefault(method.key, []).append(answer)
     settings = list(dict.fromkeys(key.setting for key in found))
     blank = settings[0] if len(settings) == 1 else Setting()
     asked = {key.dataset for key in found}
-    found |= {RowKey(dataset, blank): {} for dataset in printed if dataset not in asked}
-    datasets = list(dict.fromkeys([*printed, *(key.dataset for key in found)]))
+    found |= {RowKey(dataset, blank): {} for dataset in design.datasets if dataset not in asked}
+    datasets = list(dict.fromkeys([*design.datasets, *(key.dataset for key in found)]))
     settings = list(dict.fromkeys([*settings, blank]))
     order = sorted(found, key=lambda key: (datasets.index(key.dataset), settings.index(key.setting), key.stand_in))
-    return Grid({key: found[key] for key in order})
+    return Grid({key: found[key] for key in order}, tuple(methods.values()))
 
 
 def repeats(answers: Sequence[Answer], pooled: bool = False) -> list[list[Answer]]:
@@ -101,15 +101,14 @@ def repeats(answers: Sequence[Answer], pooled: bool = False) -> list[list[Answer
     return [list(group.values()) for group in groups.values()]
 
 
-def _kinds(answers: Sequence[Answer]) -> tuple[set[Any], set[Any]]:
+def _kinds(answers: Sequence[Answer], places: Sequence[Place]) -> tuple[set[Place], set[Place]]:
     """Places with finished runs on real data, and on generated data."""
     real, generated = set(), set()
-    for answer in answers:
-        run = answer[1]
+    for (_, run), place in zip(answers, places, strict=True):
         if run is not None and run.outcome.stand_in:
-            generated.add(_place(answer))
+            generated.add(place)
         elif run is not None and run.outcome.status == OK:
-            real.add(_place(answer))
+            real.add(place)
     return real, generated
 
 
@@ -120,18 +119,28 @@ def _stand_in(run: Tracked | None, only: bool) -> bool:
     return only
 
 
-def _place(answer: Answer) -> tuple[str, Setting]:
-    trial = answer[0]
-    setting = Setting(
-        cameras=one_line(trial.cameras.get("source", "known")),
-        placement=_word(trial.dataset, "placement"),
-        motion=_word(trial.dataset, "motion"),
+def _place(trial: Trial, design: Layout) -> Place:
+    """The dataset and the setting of a trial, without what tells columns apart."""
+    cameras = one_line(trial.cameras.get("source", "known"))
+    return one_line(trial.dataset["name"]), Setting(
+        cameras="" if "cameras.source" in design.told_apart else cameras,
+        placement=_word(trial.dataset.get("placement", "")),
+        motion=_word(trial.dataset.get("motion", "")),
+        scene=_scene(trial.dataset),
         level=float(trial.noise.get("level", 0.0)),
         bodies=trial.n_bodies,
     )
-    return one_line(trial.dataset["name"]), setting
 
 
-def _word(group: Mapping[str, Any], name: str) -> str:
-    value = group.get(name, "")
-    return one_line(value) if isinstance(value, str) else json.dumps([float(v) for v in value])
+def _scene(dataset: Mapping[str, Any]) -> str:
+    """What makes a scene another than the published one, besides its placement and motion; "" for nothing."""
+    changed = ((name, dataset[name]) for name, value in SCENE.items() if dataset.get(name, value) != value)
+    return ", ".join(f"{name} {_word(value)}" for name, value in changed)
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_word, value))}]"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return one_line(value if isinstance(value, str) else json.dumps(value))

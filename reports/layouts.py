@@ -7,89 +7,24 @@ columns are the methods that it asks for.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 from datasets import hopkins
 from reports import published
-from reports.text import DIGITS
+from reports.design import E_3D, E_MS, Layout, Method, Metric, Pool, SameAs
 
-
-@dataclass(frozen=True)
-class Metric:
-    """One published error and the logged numbers that answer it. Lower is better.
-
-    Parameters
-    ----------
-    name : str
-        The published metric, as in ``reports/paper``.
-    label, tex : str
-        For readers, and as LaTeX.
-    logged : str
-        The logged metric that belongs beside the published number.
-    beside : str
-        A second logged metric that stands next to it, or "".
-    counts : str
-        The logged number of wrong tracks, for a share of tracks; the verdict is then taken in tracks.
-    cameras : str
-        The camera setting that the published number was measured under; "" where the rows of the table share one.
-    tolerance : float
-        How far from the published number still counts as reproduced, in :attr:`unit`.
-    absent : str
-        Why a finished run may have no such number.
-    pool : {"", "mean", "median"}
-        What a row that pools datasets makes of their numbers.
-    percent : bool
-        Printed in per cent of the logged share.
-    """
-
-    name: str
-    label: str
-    tex: str
-    logged: str
-    beside: str = ""
-    counts: str = ""
-    cameras: str = ""
-    tolerance: float = 0.1
-    absent: str = "not measured"
-    pool: str = ""
-    percent: bool = False
-
-    @property
-    def unit(self) -> str:
-        """The unit of differences."""
-        if self.percent:
-            return "percentage points"
-        return "tracks" if self.counts else "share of published"
-
-    @property
-    def digits(self) -> int:
-        """Decimals that are printed."""
-        return 2 if self.percent else DIGITS
-
-    @property
-    def shown(self) -> str:
-        """What stands in a column: ``e_3d_dai``, ``mean e_ms, %``."""
-        return f"{self.pool} {self.logged}".strip() + ", %" * self.percent
-
-
-E_3D = Metric("e_3d", "e_3D", "$e_{3D}$", logged="e_3d_dai", beside="e_3d", absent="method gives no structure")
-E_MS = Metric("e_ms", "e_MS", "$e_{MS}$", logged="e_ms", counts="n_wrong", tolerance=1, absent="method gives no labels")
-E_R = Metric(
-    "e_r", "e_R", "$e_R$", logged="e_r", cameras="estimated", absent="method gives no structure, or no camera is known"
-)
-E_3D_ALIGNED = replace(E_3D, name="e_3d_dai", cameras="estimated")
+E_R = Metric("e_r", "e_R", "$e_R$", logged="e_r", absent="method gives no structure, or no camera is known")
+E_3D_ALIGNED = replace(E_3D, name="e_3d_dai")
 E_3D_CAMERA = Metric(
     "e_3d_dai_cam",
     "e_3D, camera frame",
     "$e_{3D}$, camera frame",
     logged="e_3d_dai_cam",
-    cameras="estimated",
     absent="method gives no structure",
 )
-E_3D_KNOWN = replace(
-    E_3D, name="e_3d_gt_rotation", label="e_3D, known cameras", tex="$e_{3D}$, known cameras", cameras="known"
-)
+E_3D_KNOWN = replace(E_3D, name="e_3d_gt_rotation")
+E_3D_EQUATION = replace(E_3D, logged="e_3d")
 
 MEAN = Metric(
     "mean", "mean %", r"mean (\%)", logged="e_ms", tolerance=0.2, absent=E_MS.absent, pool="mean", percent=True
@@ -107,6 +42,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ssc2d": "SSC(2D)",
         "ssc2d_share70": "SSC(2D), share .7",
         "bmm_ssc3d": "BMM + SSC(3D)",
+        "bmm_ssc3d_k6": "BMM, K = 6, + SSC(3D)",
         "bmm_ssc3d_share70": "BMM + SSC(3D), share .7",
         "ssc2d_bmm": "SSC(2D) + BMM",
         "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",
@@ -138,91 +74,16 @@ DENSE = (
     "The cameras are those that see the true structure as the tracks do."
 )
 
+#: How far a scene's eight pairs are from the printed ones.
+FROM_TABLE2 = (
+    E_3D.distance("log ratio", "e_3D, log ratio"),
+    E_3D.distance("> 10 % off", "e_3D, pairs off"),
+    E_3D_EQUATION.distance("log ratio", "e_3D by the equation, log ratio"),
+    E_MS.distance("tracks off", "e_MS, tracks off"),
+)
 
-@dataclass(frozen=True)
-class Method:
-    """A method's place in a table: ``heading`` is its LaTeX head in the paper's own table, "" for a column of ours.
-
-    ``printed`` is its name in ``reports/paper``, where that is another.
-    """
-
-    name: str
-    heading: str = ""
-    printed: str = ""
-
-
-@dataclass(frozen=True)
-class Pool:
-    """A row that stands for many datasets."""
-
-    label: str
-    datasets: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Layout:
-    """A table as its paper prints it, and the columns that the audit adds.
-
-    Parameters
-    ----------
-    title, caption : str
-        Plain text.
-    methods : tuple of Method
-        Columns from left to right; those with a heading make the paper's table.
-    metrics : tuple of Metric
-        Shown for every method.
-    source : str
-        The published table (a key of ``reports.published.SOURCES``), "" for none.
-    points : str
-        The published table that says how many tracks there were, "" for none.
-    joiner : str
-        Between the names of a row's bodies; "" leaves dataset names as they are.
-    pools : mapping
-        Printed row -> the datasets that it stands for, where that is not the dataset of its name. A dataset may
-        count in several rows.
-    notes : tuple of str
-        What the reader must know besides what the answers tell.
-    """
-
-    title: str
-    caption: str
-    methods: tuple[Method, ...] = ()
-    metrics: tuple[Metric, ...] = (E_3D, E_MS)
-    source: str = ""
-    points: str = ""
-    joiner: str = ""
-    pools: Mapping[str, Pool] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-    @property
-    def datasets(self) -> tuple[str, ...]:
-        """The paper's rows in its order."""
-        return published.datasets(self.source) if self.source else ()
-
-    def printed(self, dataset: str, method: str, metric: str) -> str | None:
-        names = {m.name: m.printed for m in self.methods if m.printed}
-        return published.printed(self.source, dataset, names.get(method, method), metric) if self.source else None
-
-    def rows(self, dataset: str) -> tuple[str, ...]:
-        """The rows that a dataset counts in."""
-        return tuple(row for row, pool in self.pools.items() if dataset in pool.datasets) or (dataset,)
-
-    @property
-    def unpooled(self) -> Layout:
-        """The layout of the same answers with a row for each dataset."""
-        methods = tuple(Method(method.name) for method in self.methods)
-        return replace(self, methods=methods, metrics=(E_MS,), source="", pools={}, notes=())
-
-    def published_points(self, dataset: str) -> int | None:
-        return published.points(self.points, dataset) if self.points else None
-
-    def label(self, dataset: str) -> str:
-        """``dance_yoga`` as the paper writes it: ``Dance+Yoga``. Other datasets keep their names."""
-        if dataset in self.pools:
-            return self.pools[dataset].label
-        if not self.joiner or dataset not in self.datasets:
-            return dataset
-        return self.joiner.join(body.capitalize() for body in dataset.split("_"))
+#: The rotation step of the block matrix method as it is published.
+ROTATION = {"cameras.rank": SameAs("dataset.rank"), "cameras.start": "trace_norm", "cameras.refine": True}
 
 
 def _scenes(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -277,21 +138,83 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             title="Single bodies",
             caption="The block matrix method on one body at a time: rotation error (e_R) and 3D error (e_3D) with "
             "cameras from the tracks alone, and 3D error with known cameras.",
-            methods=(Method("bmm", "BMM"),),
-            metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN),
+            methods=(
+                Method(
+                    "bmm",
+                    where={"cameras.source": "estimated"},
+                    label="BMM, cameras estimated",
+                    metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
+                ),
+                Method("bmm", where={"cameras.source": "known"}, label="BMM, cameras known", metrics=(E_3D_KNOWN,)),
+            ),
             source="single_body",
             points="single_body",
             notes=(FIXED,),
         ),
-        "single_body_k13": Layout(
-            title="Single bodies, 13 shapes in the rotation",
-            caption="The block matrix method on one body at a time, cameras from the tracks alone: one K for the "
-            "rotation of all sequences, the published K for the shape.",
-            methods=(Method("bmm", "BMM"),),
+        "rotation_ablation": Layout(
+            title="Single bodies, the rotation without one ingredient",
+            caption="The block matrix method with cameras from the tracks alone: its rotation step whole (trace-norm "
+            "start, refined, K as published) and with one choice changed.",
+            methods=tuple(
+                Method("bmm", where={**ROTATION, **changed}, label=label)
+                for label, changed in (
+                    ("whole", {}),
+                    ("K = 13", {"cameras.rank": 13}),
+                    ("not refined", {"cameras.refine": False}),
+                    ("rigid start", {"cameras.start": "rigid"}),
+                    ("rigid start, not refined", {"cameras.start": "rigid", "cameras.refine": False}),
+                )
+            ),
             metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
             source="single_body",
             points="single_body",
-            notes=(FIXED,),
+            study=True,
+            notes=(FIXED, "K = 13 is the most that 40 tracks allow, for the rotation alone; the shape keeps its own."),
+        ),
+        "scene_study": Layout(
+            title="Which scene is the paper's",
+            caption="Distance of the baselines from Tables 1 and 2 over the eight pairs, one candidate scene a row. "
+            "e_3D of BMM: root mean square of log(measured / printed), by e_3d_dai and by the paper's equation e_3d, "
+            "and the pairs that are off by more than 10 %. e_MS: sum over the pairs of |wrong tracks - printed wrong "
+            "tracks|; the pairs have 816 tracks.",
+            methods=(
+                Method("bmm_ssc3d", metrics=FROM_TABLE2),
+                Method("bmm_ssc3d_k6", printed="bmm_ssc3d", metrics=FROM_TABLE2),
+                Method("ssc2d", source="table1", metrics=FROM_TABLE2[-1:]),
+                Method("edsc", source="table1", metrics=FROM_TABLE2[-1:]),
+            ),
+            source="table2",
+            points="table1",
+            pools={"pairs": Pool("", published.datasets("table2"))},
+            parts=Layout(
+                title="Pair by pair",
+                caption="",
+                methods=(
+                    Method("bmm_ssc3d"),
+                    Method("bmm_ssc3d_k6", printed="bmm_ssc3d"),
+                    Method("ssc2d", source="table1", metrics=(E_MS,)),
+                    Method("edsc", source="table1", metrics=(E_MS,)),
+                ),
+                source="table2",
+                points="table1",
+                joiner=" + ",
+                study=True,
+            ),
+            study=True,
+        ),
+        "rank_study": Layout(
+            title="Table 2 by the rank of the shape",
+            caption="e_3D of the block matrix method on the eight pairs, its structure cut to rank K, beside the "
+            "printed number of BMM + SSC(3D), which names no K.",
+            methods=tuple(
+                Method("bmm", printed="bmm_ssc3d", where={"method.rank": K}, label=f"K = {K}" if K else "not cut")
+                for K in (5, 6, 7, 11, 16, None)
+            ),
+            metrics=(E_3D,),
+            source="table2",
+            points="table1",
+            joiner=" + ",
+            study=True,
         ),
         "hopkins155": Layout(
             title="Hopkins155",
@@ -300,6 +223,12 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             "checked against it: a target to confirm.",
             methods=(Method("ssc_raw", "SSC", printed="ssc"), Method("ssc_raw_4n"), Method("edsc_raw")),
             metrics=(MEAN, MEDIAN),
+            parts=Layout(
+                title="Scene by scene",
+                caption="",
+                methods=(Method("ssc_raw"), Method("ssc_raw_4n"), Method("edsc_raw")),
+                metrics=(E_MS,),
+            ),
             source="hopkins155",
             pools={
                 "2": Pool("Two motions", _scenes(hopkins.TWO_MOTIONS)),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
-from reports.layouts import Metric
+from reports.design import Metric
 from reports.text import DIGITS, one_line
 
 
@@ -41,7 +41,9 @@ class Setting:
     Parameters
     ----------
     cameras, placement, motion : str
-        The scene's choices.
+        The scene's choices; "" where columns differ in them.
+    scene : str
+        Whatever else of the scene is not as it is by default.
     level : float
         Noise, as a share of the largest image coordinate.
     bodies : int or None
@@ -51,6 +53,7 @@ class Setting:
     cameras: str = "known"
     placement: str = "paper"
     motion: str = "registered"
+    scene: str = ""
     level: float = 0.0
     bodies: int | None = None
 
@@ -64,8 +67,14 @@ class Setting:
             if f.name == "level":
                 said.append(f"noise {value:g}" if value else "no noise")
             elif value not in (None, ""):
-                said.append(f"{f.name} {value}")
+                said.append(value if f.name == "scene" else f"{f.name} {value}")
         return ", ".join(said)
+
+    @property
+    def unusual(self) -> str:
+        """:meth:`words` of what is not as it is by default."""
+        names = tuple(f.name for f in fields(self) if getattr(self, f.name) not in (f.default, ""))
+        return self.words(names) if names else ""
 
 
 @dataclass(frozen=True)
@@ -137,7 +146,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """One metric of one method. ``heading`` is the method's LaTeX head in the paper's table, "" outside it."""
+    """One metric of one method, by its key in the layout. ``heading`` is its LaTeX head in the paper's table, or ""."""
 
     method: str
     label: str
@@ -183,6 +192,8 @@ class Table:
         Loud ones first.
     parts : Table or None
         Where rows pool datasets: the same answers with a row for each dataset.
+    study : bool
+        Of candidates, which claim nothing.
     """
 
     name: str
@@ -193,6 +204,7 @@ class Table:
     means: tuple[Row, ...]
     notes: tuple[Note, ...]
     parts: Table | None = None
+    study: bool = False
 
     @property
     def layers(self) -> tuple[Table, ...]:
@@ -204,14 +216,22 @@ class Table:
         return tuple(dict.fromkeys(column.metric for column in self.columns))
 
     @property
-    def methods(self) -> tuple[tuple[str, str], ...]:
-        """(name, label) of every method, left to right."""
-        return tuple(dict.fromkeys((column.method, column.label) for column in self.columns))
+    def methods(self) -> Mapping[str, tuple[Column, ...]]:
+        """The columns of every method, left to right."""
+        found: dict[str, tuple[Column, ...]] = {}
+        for column in self.columns:
+            found[column.method] = (*found.get(column.method, ()), column)
+        return found
 
     @property
     def printed(self) -> bool:
-        """Whether a paper prints this table; otherwise there is nothing to compare with."""
+        """Whether a paper prints this table, in columns of its own."""
         return any(column.heading for column in self.columns)
+
+    @property
+    def published(self) -> bool:
+        """Whether there is a published number to compare with."""
+        return any(cell.published is not None for _, _, cell in self.cells())
 
     @property
     def loud(self) -> tuple[str, ...]:
@@ -241,7 +261,9 @@ class Table:
             f"({counts[Verdict.BETTER]} better, {counts[Verdict.WORSE]} worse)",
             f"{printed - judged} not judged",
         ]
-        if not printed:
+        if self.study and printed:
+            said = [f"{counts[Verdict.REPRODUCED]} of {printed} candidates' numbers as published"]
+        elif not printed:
             said = ["no published numbers"]
         said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
         if stand_ins := sum(cell.stand_in and cell.measured is not None for cell in cells):

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from harness.record import Trial
+from reports.design import DISTANCES, Layout, Metric
 from reports.grid import Grid
-from reports.layouts import E_3D, Layout, Metric
 from reports.model import Column, Note, Row
 from reports.text import one_line
 
@@ -23,7 +23,9 @@ STAND_IN = (
 def remarks(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], answers: Grid) -> tuple[Note, ...]:
     """All notes of a table, loud ones first."""
     notes = [*_warnings(design, columns, rows, answers), *_settings(answers), *_methods(columns, answers)]
-    notes += [Note(text) for metric in design.metrics for text in _meaning(metric, bool(design.source))]
+    metrics = dict.fromkeys(column.metric for column in columns)
+    meanings = (text for metric in metrics for text in _meaning(metric, bool(design.source)))
+    notes += [Note(text) for text in dict.fromkeys(meanings)]
     notes.append(Note("Bold: the lowest of its row as printed, ties too."))
     if any(cell.std is not None for row in rows for cell in row.cells):
         notes.append(Note("Repeated runs: mean ± sample standard deviation, × their number."))
@@ -35,10 +37,16 @@ def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...]
     if any(row.stand_in for row in rows):
         yield Note(STAND_IN, loud=True)
     if len(answers.settings) > 1:
-        yield Note("The rows are not all measured under one setting; each names its own.", loud=bool(design.source))
+        yield Note(
+            "The rows are not all measured under one setting; each names its own.",
+            loud=bool(design.source) and not design.study,
+        )
+    alike: dict[str, list[str]] = {}
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
         if said := _differing([(row.label, _flat(t.method)) for row, t in _asked(rows, answers, method)]):
-            yield Note(f"{label}: NOT ONE SETTING FOR ALL ROWS: {'; '.join(said)}.", loud=True)
+            alike.setdefault("; ".join(said), []).append(label)
+    for settings, labels in alike.items():
+        yield Note(f"{'; '.join(labels)}: NOT ONE SETTING FOR ALL ROWS: {settings}.", loud=True)
 
 
 def _settings(answers: Grid) -> Iterator[Note]:
@@ -64,11 +72,13 @@ def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
 
 
 def _meaning(metric: Metric, published: bool) -> Iterator[str]:
-    if metric == E_3D:
+    if metric.logged == "e_3d_dai" and metric.beside:
         yield (
             "e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers follow; "
             "e_3d, the error of the paper's printed equation, stands next to it."
         )
+    if metric.pool in DISTANCES:
+        return  # the caption says
     if metric.pool:
         yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."
     if published and metric.percent:

@@ -7,13 +7,13 @@ published ones.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from harness.record import OK, UsageError
+from reports.design import DISTANCES, MEANS, Layout, Method, Metric
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
-from reports.layouts import LABELS, Layout, Method, Metric, layout
+from reports.layouts import LABELS, layout
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
 from reports.remarks import remarks
 from reports.text import number, one_line
@@ -47,48 +47,49 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     if not name or not name.replace("_", "").replace("-", "").isalnum():
         raise UsageError(f"table name {one_line(name)!r} holds more than letters, digits, - and _")
     design = design or layout(name)
-    sorted_answers = grid(answers, design.datasets, design.rows)
-    columns = _columns(design, sorted_answers)
-    rows = tuple(_row(design, columns, sorted_answers, key) for key in sorted_answers.rows)
+    sorted_answers = grid(answers, design)
+    places = _columns(design, sorted_answers)
+    columns = tuple(column for _, column in places)
+    rows = tuple(_row(design, places, sorted_answers, key) for key in sorted_answers.rows)
     notes = remarks(design, columns, rows, sorted_answers)
     means = () if design.pools else _means(rows, columns)
-    parts = build(name, answers, design.unpooled) if design.pools else None
-    return Table(name, design.title, design.caption, columns, rows, means, notes, parts)
+    parts = build(name, answers, design.parts) if design.parts else None
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study)
 
 
-def _columns(design: Layout, answers: Grid) -> tuple[Column, ...]:
+Place = tuple[Method, Column]
+
+
+def _columns(design: Layout, answers: Grid) -> list[Place]:
     """The paper's columns always; the audit's, and methods that no layout foresaw, where they were asked for."""
-    asked = answers.methods
-    placed = {method.name for method in design.methods}
-    methods = [method for method in design.methods if method.heading or method.name in asked]
-    methods += [Method(name) for name in asked if name not in placed]
-    return tuple(
-        Column(method.name, LABELS.get(method.name, method.name), method.heading, metric)
+    asked = {method.key for method in answers.methods}
+    methods = [method for method in design.methods if method.heading or method.key in asked]
+    methods += [method for method in answers.methods if method not in methods]
+    return [
+        (method, Column(method.key, method.label or LABELS.get(method.name, method.name), method.heading, metric))
         for method in methods
-        for metric in design.metrics
-    )
+        for metric in method.metrics or design.metrics
+    ]
 
 
-def _row(design: Layout, columns: tuple[Column, ...], answers: Grid, key: RowKey) -> Row:
-    label = design.label(key.dataset)
+def _row(design: Layout, places: Sequence[Place], answers: Grid, key: RowKey) -> Row:
+    label = design.label(key.dataset) or key.setting.unusual or "as by default"
     differing = tuple(f for f in Setting.__match_args__ if len({getattr(s, f) for s in answers.settings}) > 1)
-    if differing:
+    if differing and design.label(key.dataset):
         label += f", {key.setting.words(differing)}"
     if key.stand_in:
         label += " (stand-in)"
-    cells = [_cell(design, column, key, answers.rows[key].get(column.method, [])) for column in columns]
-    marked = _mark(columns, cells)
+    cells = [_cell(design, *place, key, answers.rows[key].get(place[0].key, [])) for place in places]
+    marked = _mark(tuple(column for _, column in places), cells)
     return Row(key.dataset, label, key.setting, key.stand_in, key.dataset in design.datasets, marked)
 
 
-def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
+def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
     metric, pool = column.metric, design.pools.get(key.dataset)
-    published = design.printed(key.dataset, column.method, metric.name)
+    published = None if metric.pool in DISTANCES else design.printed(key.dataset, method, metric)
     blank = Cell(published=published, stand_in=key.stand_in, digits=metric.digits)
     if not answers:
         return replace(blank, reason="not asked")
-    if metric.cameras not in ("", key.setting.cameras):
-        return Cell(reason=f"a number for {metric.cameras} cameras", stand_in=key.stand_in)
     groups = repeats(answers, pooled=pool is not None)
     group = groups[0]
     runs = [run for _, run in group if run is not None]
@@ -102,8 +103,10 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
     missing = next(filter(None, (_missing(run, metric) for _, run in group)), "")
     if not values:
         return replace(blank, beside=_mean(runs, metric.beside), reason=missing)
+    if metric.pool in DISTANCES:
+        return _distance_cell(blank, design, method, metric, group, key)
     points = {r.outcome.n_points for r in runs if r.outcome.status == OK}
-    middle = statistics.median(values) if metric.pool == "median" else statistics.fmean(values)
+    middle = MEANS[metric.pool or "mean"](values)
     cell = replace(
         blank,
         measured=100 * middle if metric.percent else middle,
@@ -113,8 +116,8 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
         wrong=_mean(runs, metric.counts),
         points=points.pop() if len(points) == 1 else None,
     )
-    if other := _other_scene(group[0][0].dataset):
-        missing = other
+    if key.setting.scene and not design.study:
+        missing = f"another scene than the published one: {key.setting.scene}"
     if len(values) < len(group):
         missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
     elif pool and (asked := len({trial.dataset["name"] for trial, _ in group})) < len(pool.datasets):
@@ -122,13 +125,26 @@ def _cell(design: Layout, column: Column, key: RowKey, answers: Sequence[Answer]
     return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
 
 
-def _other_scene(dataset: Mapping[str, Any]) -> str:
-    """Why a scene is not the one whose numbers are published, whatever its name; "" if it may be."""
-    whole = {"frames": None, "scale": True, "upright": False, "degrees_per_frame": 5.0}
-    changed = [
-        f"dataset.{name} = {dataset[name]}" for name, value in whole.items() if dataset.get(name, value) != value
-    ]
-    return f"another scene than the published one: {', '.join(changed)}" if changed else ""
+def _distance_cell(
+    blank: Cell, design: Layout, method: Method, metric: Metric, group: Sequence[Answer], key: RowKey
+) -> Cell:
+    """How far the runs of a pool are from what is printed for each of its datasets."""
+    pairs: list[tuple[float, float]] = []
+    for trial, run in group:
+        printed = design.printed(trial.dataset["name"], method, metric)
+        if run is None or printed is None or metric.logged not in run.outcome.metrics:
+            continue
+        counted = run.outcome.metrics.get(metric.counts)
+        if counted is None:
+            pairs.append((run.outcome.metrics[metric.logged], float(printed)))
+        else:
+            pairs.append((counted, wrong_tracks(float(printed), run.outcome.n_points or 0)))
+    if blank.stand_in:
+        return replace(blank, reason="generated data, of which nothing is published")
+    whole = len(design.pools[key.dataset].datasets) if key.dataset in design.pools else 1
+    if len(pairs) < whole:
+        return replace(blank, reason=f"{len(pairs)} of {whole} datasets have a number and a published one")
+    return replace(blank, measured=DISTANCES[metric.pool].of(pairs), count=whole, reason=f"over {whole} datasets")
 
 
 def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int | None, missing: str) -> Cell:

@@ -21,7 +21,7 @@ def one_line(text: object, longest: int = LONGEST) -> str:
 
 def number(value: float, digits: int = DIGITS) -> str:
     """An error as the papers print it: four decimals, and 0.0 for none at all."""
-    return "0.0" if value == 0 else f"{value:.{digits}f}"
+    return "0.0" if value == 0 and digits else f"{value:.{digits}f}"
 
 
 def count(value: float) -> str:

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import asdict, fields
 from typing import Any
 
-from reports.layouts import Metric
+from reports.design import Metric
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 def records(table: Table) -> Iterator[dict[str, Any]]:
@@ -31,7 +31,9 @@ def _records(table: Table) -> Iterator[dict[str, Any]]:
             **asdict(row.setting),
             "stand_in": cell.stand_in,
             "method": column.method,
+            "method_label": column.label,
             "metric": metric.name,
+            "pool": metric.pool or None,
             "published": cell.published,
             "measured_metric": metric.logged,
             "measured": cell.measured,
@@ -81,6 +83,7 @@ def _data(table: Table) -> dict[str, Any]:
         "cells": list(_records(table)),
         "means": [_row_data(row) | {"cells": [asdict(cell) for cell in row.cells]} for row in table.means],
         "parts": _data(table.parts) if table.parts else None,
+        "study": table.study,
     }
 
 
@@ -108,7 +111,7 @@ def _table(data: dict[str, Any]) -> Table:
     means = tuple(_row(row, [_mean(cell) for cell in row["cells"]]) for row in data["means"])
     notes = tuple(Note(**note) for note in data["notes"])
     parts = _table(data["parts"]) if data.get("parts") else None
-    return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes, parts)
+    return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes, parts, data["study"])
 
 
 def _row_data(row: Row) -> dict[str, Any]:

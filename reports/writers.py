@@ -7,6 +7,7 @@ language: what is not :class:`~reports.text.Safe` cannot reach a file unescaped.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +17,7 @@ from markupsafe import Markup, escape
 
 from reports import text
 from reports.console import console
-from reports.layouts import Metric
+from reports.design import Metric
 from reports.model import LEGEND, Cell, Column, Row, Table, Verdict
 from reports.tidy import csv_text, from_json, json_text, records
 
@@ -161,8 +162,9 @@ def _caption(table: Table) -> text.Safe:
 
 def _label(metric: Metric) -> Markup:
     """``e_3D`` with its index set low."""
-    letter, _, index = metric.label.partition("_")
-    return Markup("{}<sub>{}</sub>").format(letter, index) if index else escape(letter)
+    head, mark, rest = metric.label.partition("_")
+    index = re.match(r"\w*", rest).group() if mark else ""  # type: ignore[union-attr]
+    return Markup("{}<sub>{}</sub>{}").format(head, index, rest[len(index) :]) if index else escape(metric.label)
 
 
 def _identifier(name: str) -> str:

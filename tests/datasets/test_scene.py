@@ -215,7 +215,8 @@ def test_the_same_sequence_twice(data_folder: Path) -> None:
 
 @pytest.mark.parametrize("placement", PLACES, ids=str)
 @pytest.mark.parametrize(
-    "settings", [{}, {"turn_upright": True}, {"scale": False}, {"n_frames": 20}, {"degrees_per_frame": -2.5}]
+    "settings",
+    [{}, {"turn_upright": True}, {"scale": "stored"}, {"scale": "cut"}, {"n_frames": 20}, {"degrees_per_frame": -2.5}],
 )
 def test_composition(three: list[Body], placement: Any, settings: dict[str, Any]) -> None:
     scene = compose(three, placement=placement, **settings)
@@ -240,12 +241,29 @@ def test_bodies_stand_a_step_apart(three: list[Body], placement: Any) -> None:
         np.testing.assert_allclose(apart, np.broadcast_to(offset(placement), apart.shape), atol=1e-10)
 
 
-def test_scaling_comes_before_the_cut(three: list[Body]) -> None:
+@pytest.mark.parametrize("scale", ["sequence", "cut"])
+def test_scaling_is_over_the_sequence_or_over_its_cut(three: list[Body], scale: str) -> None:
     long, short = three[0], replace(three[1], structure=three[1].structure[:25])
-    scene = compose([long, short])
+    scene = compose([long, short], scale=scale)
     assert scene.structure is not None and scene.n_frames == 25
     sizes = [spread(scene.structure[:, :, :41]), spread(scene.structure[:, :, 41:])]
-    assert sizes[0] / sizes[1] == pytest.approx(spread(long.structure[:25]) / spread(long.structure), rel=1e-9)
+    whole = spread(long.structure[:25]) / spread(long.structure)
+    assert sizes[0] / sizes[1] == pytest.approx(whole if scale == "sequence" else 1, rel=1e-9)
+
+
+def test_bodies_that_are_named_stand_upright(three: list[Body]) -> None:
+    lying = [replace(body, structure=body.structure[:, [1, 2, 0]], vertical="y") for body in three]
+    some = [lying[0], three[1], lying[2]]
+    names = [body.name for body in three]
+    np.testing.assert_allclose(
+        compose(lying, turn_upright=[names[0], names[2]]).tracks,
+        compose([three[0], lying[1], three[2]]).tracks,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(compose(some, turn_upright=True).tracks, compose(three).tracks, atol=1e-12)
+    for wrong in ("person", ["nobody"], 1, None):
+        with pytest.raises(DatasetError, match=r"dataset\.upright"):
+            compose(three, turn_upright=wrong)  # type: ignore[arg-type]
 
 
 def test_units_and_places_of_the_sources_do_not_matter(three: list[Body]) -> None:
@@ -254,7 +272,7 @@ def test_units_and_places_of_the_sources_do_not_matter(three: list[Body]) -> Non
 
 
 def test_without_scaling_the_sources_units_stay(three: list[Body]) -> None:
-    scene = compose(three, scale=False, placement="intersecting")
+    scene = compose(three, scale="stored", placement="intersecting")
     assert scene.structure is not None and scene.labels is not None
     sizes = [spread(centre(scene.structure[:, :, scene.labels == k])) for k in range(3)]
     own = [spread(b.structure) for b in three]

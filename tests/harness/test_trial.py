@@ -228,10 +228,14 @@ def test_single_bodies_take_the_published_rank() -> None:
     [(own, _)] = expand(["dataset=mocap_body", "dataset.body=yoga", "cameras=estimated", "cameras.rank=3"])
     assert (own.cameras["rank"], own.dataset["rank"], own.dataset["name"]) == (3, 10, "yoga")
     [(scene, _)] = expand(["dataset=dance_yoga", "cameras=estimated"])
-    assert scene.cameras == {"source": "estimated", "rank": 11}
-    wider = [trial for trial, _ in expand(["+experiment=single_body_k13"])]
-    assert {t.cameras["rank"] for t in wider} == {13}
-    assert {t.dataset["name"]: t.method["rank"] for t in wider} == ranks
+    assert scene.cameras == {"source": "estimated", "rank": 11, "start": "trace_norm", "refine": True}
+    ablation = [trial for trial, _ in expand(["+experiment=rotation_ablation"])]
+    assert len(ablation) == 40
+    assert {t.dataset["name"]: t.method["rank"] for t in ablation} == ranks
+    shark = [(t.cameras["rank"], t.cameras["start"], t.cameras["refine"]) for t in ablation if t.dataset["rank"] == 4]
+    full = (4, "trace_norm", True)
+    changed = [(13, "trace_norm", True), (4, "trace_norm", False), (4, "rigid", True), (4, "rigid", False)]
+    assert shark == [full, *changed]
     with pytest.raises(UsageError, match="jump"):
         expand(["dataset=mocap_body", "dataset.body=jump"])
 
@@ -244,3 +248,17 @@ def test_record_round_trip(trial: Trial, settings: Settings) -> None:
     for text in ("[]", "{", '{"key": 1}'):
         with pytest.raises(ValueError):
             Outcome.from_json(text)
+
+
+def test_candidate_scenes_are_the_default_with_one_thing_changed() -> None:
+    asked = [
+        "+experiment=scene_study",
+        "dataset=face_yoga",
+        "method=edsc",
+        "scene=default,offset_y6,native_x3,scale_cut",
+    ]
+    default, *others = (trial.dataset for trial, _ in expand(asked))
+    [(plain, _)] = expand(["dataset=face_yoga", "method=edsc"])
+    assert default == plain.dataset
+    changes = [{k: v for k, v in scene.items() if v != default[k]} for scene in others]
+    assert changes == [{"placement": [0, 6, 0]}, {"motion": "native", "placement": [3, 0, 0]}, {"scale": "cut"}]

@@ -16,6 +16,7 @@ from harness import metrics
 from methods.base import Array, MethodError, standardise
 from methods.bmm import BMM
 from methods.rotation import (
+    STARTS,
     WEIGHTS,
     constraints,
     estimate_cameras,
@@ -246,6 +247,34 @@ def test_noise_does_not_hide_the_lowest_residual(small_scene: Scene, level: floa
 def test_ranks_that_are_none(small_scene: Scene, rank: object) -> None:
     with pytest.raises(MethodError, match=r"cameras\.rank"):
         estimate_cameras(small_scene.tracks, rank)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("setting", "value"), [("start", "random"), ("start", None), ("refine", 1), ("refine", "no")])
+def test_settings_that_are_none(small_scene: Scene, setting: str, value: object) -> None:
+    with pytest.raises(MethodError, match=rf"cameras\.{setting}"):
+        estimate_cameras(small_scene.tracks, 3, **{setting: value})  # type: ignore[arg-type]
+
+
+def test_a_rigid_start_is_enough_for_a_rigid_scene_alone() -> None:
+    """With one shape the first three columns are all there is, up to the finite weight; three shapes need the whole."""
+    tracks, R = non_rigid(1)
+    assert metrics.e_r(estimate_cameras(tracks, 1, start="rigid", refine=False), R) < 1e-3
+    tracks, R = non_rigid(3)
+    errors = {
+        (start, refine): metrics.e_r(estimate_cameras(tracks, 3, start=start, refine=refine), R)
+        for start in STARTS
+        for refine in (False, True)
+    }
+    assert errors["trace_norm", True] < 1e-7
+    assert errors["trace_norm", False] < errors["rigid", False]
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_what_is_left_is_what_the_factor_leaves(M: Array, start: str) -> None:
+    for refined in (False, True):
+        G, left = metric_upgrade(M, start, refined)
+        assert left == pytest.approx(np.sum(residuals(M, G) ** 2), rel=1e-9)
+    assert metric_upgrade(M, start)[1] <= metric_upgrade(M, start, refined=False)[1]
 
 
 def test_a_frame_without_extent_is_named(small_scene: Scene) -> None:

@@ -29,7 +29,7 @@ WRONG = {
     "ours": (3, 0, 0, 0, 0, 8, 4, 11),
 }
 E_3D_DAI = (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195)
-SCENE = {"placement": "paper", "motion": "registered", "scale": True}
+SCENE = {"placement": "paper", "motion": "registered", "scale": "sequence"}
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def make_trial(dataset: str, method: str, *, level: float = 0.0, repeat: int = 0
     return Trial(
         dataset={"name": dataset, "bodies": dataset.split("_"), **SCENE, **more.get("scene", {})},
         method={"name": method, "_target_": "methods.x", **more.get("parameters", {"seed": 0})},
-        cameras={"source": more.get("cameras", "known")},
+        cameras=cameras if isinstance(cameras := more.get("cameras", "known"), dict) else {"source": cameras},
         noise={"level": level, "repeat": repeat},
         n_bodies=more.get("n_bodies"),
     )

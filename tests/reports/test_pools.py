@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import statistics
 from dataclasses import replace
 
 import pytest
 
 from datasets import hopkins
-from reports import writers
-from reports.layouts import E_MS, LAYOUTS, MEAN, MEDIAN, Layout, Method, Pool
+from reports import published, writers
+from reports.design import E_MS, Layout, Method, Pool
+from reports.layouts import LAYOUTS, MEAN, MEDIAN
 from reports.model import Verdict
-from reports.tables import build
+from reports.tables import build, wrong_tracks
 from reports.tidy import from_json
+from tests.reports.conftest import POINTS
 from tests.reports.test_tables import cell
 
 WRONG = {"a": 0, "b": 1, "c": 8, "d": 3}
@@ -25,6 +28,7 @@ SOME = Layout(
     metrics=(MEAN, MEDIAN),
     source="hopkins155",
     pools={"2": Pool("Two", ("a", "b", "c")), "3": Pool("Three", ("d",)), "all": Pool("All", ("a", "b", "c", "d"))},
+    parts=Layout("One by one", "", (Method("ssc_raw"),), metrics=(E_MS,)),
 )
 
 
@@ -134,6 +138,59 @@ class TestParts:
     def test_two_decimals_as_printed(self, answers):
         glance = writers.glance(build("some", answers, SOME))
         assert "| Two | 3.00 (1.52) ↑ | 1.00 (0.00) ↑ |" in glance
+
+
+class TestDistances:
+    """A study: each row a scene, its pool held against what is printed for every pair."""
+
+    def rows(self, answer, scenes, off):
+        """BMM off by a factor and SSC(2D) off by a track, in each of the scenes."""
+        answers = []
+        for scene, factor in zip(scenes.values(), off, strict=True):
+            for pair in published.datasets("table2"):
+                e_3d = factor * float(published.printed("table2", pair, "bmm_ssc3d", "e_3d"))
+                for method, source in (("bmm_ssc3d", "table2"), ("ssc2d", "table1")):
+                    share = float(published.printed(source, pair, method, "e_ms"))
+                    wrong = wrong_tracks(share, POINTS[pair]) + (method == "ssc2d")
+                    answers.append(answer(pair, method, wrong, scene=scene, e_3d_dai=e_3d, e_3d=2 * e_3d))
+        table = build("scene_study", answers)
+        return table, {row.label: [cell.measured for cell in row.cells] for row in table.rows}
+
+    def test_a_row_a_scene_and_its_distance_from_print(self, answer):
+        scenes = {"default": {}, "native": {"motion": "native"}, "turned": {"degrees_per_frame": -5.0}}
+        table, rows = self.rows(answer, scenes, (1.0, 1.05, 1.2))
+        assert list(rows) == ["as by default", "motion native", "degrees_per_frame -5"]
+        for factor, (by_dai, beyond, by_equation, ssc3d, ssc2d) in zip((1.0, 1.05, 1.2), rows.values(), strict=True):
+            assert by_dai == pytest.approx(math.log(factor), abs=1e-12)
+            assert beyond == (8 if factor == 1.2 else 0)
+            assert by_equation == pytest.approx(math.log(2 * factor))
+            assert (ssc3d, ssc2d) == (0, 8)
+        assert not table.published and not table.printed
+        assert "| motion native | 0.049 | 0 |" in writers.glance(table).replace("**", "")
+
+    def test_pair_by_pair_every_scene_is_judged(self, answer):
+        table, _ = self.rows(answer, {"turned": {"degrees_per_frame": -5.0}}, (1.2,))
+        found = cell(table.parts, "stretch_yoga", "bmm_ssc3d", "e_3d")
+        assert (found.published, found.verdict) == ("0.0392", Verdict.WORSE)
+        assert found.difference == pytest.approx(0.2)
+
+    def test_a_pair_that_is_missing_leaves_no_number(self, answer, trial):
+        answers = [answer("face_yoga", "ssc2d", 1), (trial("shark_yoga", "ssc2d"), None)]
+        (found,) = build("scene_study", answers).rows[0].cells
+        assert found.measured is None and found.reason.startswith("1 of 8 datasets")
+
+    def test_generated_data_has_no_distance(self, answer):
+        (found,) = build("scene_study", [answer("face_yoga", "ssc2d", 1, stand_in=True)]).rows[-1].cells
+        assert found.measured is None and "generated" in found.reason
+
+    def test_json_gives_all_of_it_back(self, answer):
+        table, _ = self.rows(answer, {"native": {"motion": "native"}}, (1.3,))
+        assert from_json(writers.json_text(table)) == table
+
+    @pytest.mark.parametrize("ending", list(writers.FORMATS))
+    def test_every_format_says_it(self, ending, answer):
+        table, _ = self.rows(answer, {"native": {"motion": "native"}}, (1.3,))
+        assert "0.262" in writers.FORMATS[ending](table)
 
 
 def test_hopkins_rows_hold_their_scenes() -> None:

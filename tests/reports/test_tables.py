@@ -10,7 +10,8 @@ import pytest
 import reports.paper
 from harness.record import UsageError
 from reports import published
-from reports.layouts import E_3D, E_MS, LAYOUTS, Layout, Method
+from reports.design import E_3D, E_MS, Layout, Method
+from reports.layouts import LAYOUTS
 from reports.model import Verdict
 from reports.tables import build, wrong_tracks
 
@@ -114,26 +115,56 @@ class TestLayout:
             build(name, [])
 
     def test_every_layout_names_published_datasets_and_methods(self):
+        """What stands in the paper's own columns is printed, and every study has something to be held against."""
         for design in LAYOUTS.values():
-            for method in (m.name for m in design.methods if m.heading):
-                pairs = [(d, m.name) for d in design.datasets for m in design.metrics]
-                printed = {(d, metric) for d, metric in pairs if design.printed(d, method, metric)}
-                assert {d for d, _ in printed} == set(design.datasets)
-                assert {name for _, name in printed} == {m.name for m in design.metrics}
+            rows = next(iter(design.pools.values())).datasets if design.study and design.pools else design.datasets
+            for method in design.methods:
+                metrics = method.metrics or design.metrics
+                printed = {(d, m.name) for d in rows for m in metrics if design.printed(d, method, m)}
+                if method.heading or design.study:
+                    assert {d for d, _ in printed} == set(rows)
+                if method.heading:
+                    assert {name for _, name in printed} == {m.name for m in metrics}
 
-    def test_a_number_for_estimated_cameras_is_not_held_against_known_ones(self, answer):
+    def test_no_two_columns_of_a_layout_are_called_alike(self):
+        for design in LAYOUTS.values():
+            keys = [method.key for method in design.methods]
+            assert len(set(keys)) == len(keys)
+
+    def test_columns_by_a_setting(self, answer):
+        """One row a body: what is published for estimated cameras is not held against known ones."""
         found = {"n_points": 41, "e_r": 0.0981, "e_3d_dai": 0.0337, "e_3d_dai_cam": 0.03, "e_3d": 0.02}
         answers = [
             answer("yoga", "bmm", None, cameras="known", **found),
             answer("yoga", "bmm", None, cameras="estimated", **found),
         ]
-        known, estimated = (row for row in build("single_body", answers).rows if row.dataset == "yoga")
-        assert [row.setting.cameras for row in (known, estimated)] == ["known", "estimated"]
-        assert [c.verdict for c in known.cells] == [*[Verdict.NONE] * 3, Verdict.REPRODUCED]
-        assert [c.verdict for c in estimated.cells] == [Verdict.WORSE, Verdict.BETTER, Verdict.NONE, Verdict.NONE]
-        assert known.cells[0].measured is None and "estimated cameras" in known.cells[0].reason
-        assert estimated.cells[2].reason == "no published number"
-        assert [c.published for c in build("single_body", []).rows[2].cells] == ["0.0883", "0.1150", None, "0.0334"]
+        table = build("single_body", answers)
+        assert len(table.rows) == 8
+        (yoga,) = (row for row in table.rows if row.dataset == "yoga")
+        assert (yoga.label, yoga.setting.cameras) == ("yoga", "")
+        assert [c.published for c in yoga.cells] == ["0.0883", "0.1150", None, "0.0334"]
+        verdicts = [Verdict.WORSE, Verdict.BETTER, Verdict.NONE, Verdict.REPRODUCED]
+        assert [c.verdict for c in yoga.cells] == verdicts
+        assert yoga.cells[2].reason == "no published number"
+        assert [c.runs[0].trial_key for c in yoga.cells] == [answers[1][1].outcome.key] * 3 + [
+            answers[0][1].outcome.key
+        ]
+        assert [column.label for column in table.columns] == ["BMM, cameras estimated"] * 3 + ["BMM, cameras known"]
+
+    def test_columns_by_a_setting_that_equals_another(self, answer):
+        """The published K differs from row to row, and is one column all the same."""
+        changes = {"whole": {}, "K = 13": {"rank": 13}, "rigid start": {"start": "rigid"}}
+        answers = [
+            answer(name, "bmm", None, cameras=cameras, scene={"rank": K}, n_points=41, e_r=K / 100)
+            for name, K in (("yoga", 10), ("pickup", 12))
+            for changed in changes.values()
+            for cameras in ({"source": "estimated", "rank": K, "start": "trace_norm", "refine": True, **changed},)
+        ]
+        table = build("rotation_ablation", answers)
+        assert list(dict.fromkeys(column.label for column in table.columns)) == list(changes)
+        (yoga,) = (row for row in table.rows if row.dataset == "yoga")
+        assert [c.measured for c in yoga.cells if c.measured] == [0.1] * 3
+        assert yoga.cells[0].published == "0.0883"
 
 
 class TestVerdict:
@@ -319,7 +350,7 @@ class TestNotes:
     def test_one_setting_is_named_once(self, table1_answers):
         notes = [note.text for note in build("table1", table1_answers).notes]
         assert "Setting: cameras known, placement paper, motion registered, no noise." in notes
-        assert "Scenes: scale = True." in notes
+        assert "Scenes: scale = sequence." in notes
         assert "Ours: seed = 0." in notes
         assert not build("table1", table1_answers).loud
 
