@@ -36,7 +36,7 @@ from methods.spatial import Neighbours
 
 ENTRIES = 400  # of E, a track; see implicit_bytes
 BLOCK_BYTES = 4 << 20  # of Z at a time: as much as stays in the cache
-GAP_ROWS = 2000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
+GAP_ROWS = 1000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
 
 
 @dataclass
