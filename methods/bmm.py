@@ -96,6 +96,10 @@ class BMM(Method):
         S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Ten arrays of 3F x P, as measured. See :meth:`methods.base.Method.memory`."""
+        return 8.0 * 10 * 3 * n_frames * n_points
+
 
 def fit_shape(
     W: Array,
