@@ -42,11 +42,13 @@ class Body:
         What the numbers were made from: SHA-256 of the file, or the generator and its settings.
     stand_in : bool
         True for generated data that takes the place of a real sequence.
+    gaps : bool
+        Whether points may be NaN where they were not captured.
 
     Raises
     ------
     DatasetError
-        If the structure is not a finite (F, 3, P) array or an edge names a point that is not there.
+        If the structure is not an (F, 3, P) array of numbers, or an edge names a point that is not there.
     """
 
     name: str
@@ -56,12 +58,13 @@ class Body:
     cameras: Array | None = None
     digest: str = ""
     stand_in: bool = False
+    gaps: bool = False
 
     def __post_init__(self) -> None:
         S = self.structure
         if S.ndim != 3 or S.shape[1] != 3 or 0 in S.shape:
             raise DatasetError(f"body {self.name}: structure has shape {S.shape}, wanted (frames, 3, points)")
-        if not np.isfinite(S).all():
+        if np.isinf(S).any() or (np.isnan(S).any() and not self.gaps):
             raise DatasetError(f"body {self.name}: structure holds NaN or infinite values; drop those points")
         if self.edges.size and (self.edges.min() < 0 or self.edges.max() >= S.shape[2]):
             raise DatasetError(f"body {self.name}: edges name points outside 0..{S.shape[2] - 1}")
@@ -77,14 +80,22 @@ class Body:
         return self.structure.shape[2]
 
 
+def observed(positions: Array) -> NDArray[np.bool_]:
+    """Where (F, k, P) positions are numbers: (F, P)."""
+    return np.asarray(np.isfinite(positions).all(axis=1))
+
+
 def centre(structure: Array) -> Array:
-    """Subtract each frame's centroid from an (F, k, P) array."""
-    return structure - structure.mean(axis=2, keepdims=True)
+    """Subtract each frame's centroid from an (F, k, P) array; points that are NaN do not count."""
+    return structure - np.nanmean(structure, axis=2, keepdims=True)
 
 
 def spread(structure: Array) -> float:
-    """Mean over frames and axes of the standard deviation over points: the unit of length of scenes."""
-    return float(structure.std(axis=2).mean())
+    """Mean over frames and axes of the standard deviation over points: the unit of length of scenes.
+
+    Points that are NaN do not count.
+    """
+    return float(np.nanstd(structure, axis=2).mean())
 
 
 def register(structure: Array, rounds: int = 10) -> Array:

@@ -16,7 +16,7 @@ def seed(scene: str, level: float, repeat: int) -> int:
 
 
 def add_noise(tracks: Array, level: float, repeat: int, scene: str) -> Array:
-    """Zero-mean Gaussian noise of standard deviation ``level * max|W|`` on (F, 2, P) tracks.
+    """Zero-mean Gaussian noise of standard deviation ``level * max|W|`` on (F, 2, P) tracks; NaN stays NaN.
 
     Raises
     ------
@@ -30,4 +30,4 @@ def add_noise(tracks: Array, level: float, repeat: int, scene: str) -> Array:
     if level == 0:
         return tracks
     rng = np.random.default_rng(seed(scene, level, repeat))
-    return tracks + level * np.abs(tracks).max() * rng.standard_normal(tracks.shape)
+    return tracks + level * np.nanmax(np.abs(tracks)) * rng.standard_normal(tracks.shape)

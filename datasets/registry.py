@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datasets import garg, hopkins, mocap, procedural, sources
+from datasets import garg, hopkins, mocap, procedural, sources, take, two_person
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
+from datasets.thinning import Thinning
 
 Settings = Mapping[str, Any]
 
@@ -19,7 +20,7 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (mocap, mocap_body, procedural, hopkins155, garg), ``name``, and the source's own settings; see
+        ``source`` (a key of :data:`SOURCES`), ``name``, and the source's own settings; see
         ``conf/dataset``.
     folder : Path
         The data folder.
@@ -109,6 +110,48 @@ def _hopkins_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return sources.sha256(hopkins.path(folder, settings["scene"]))
 
 
+def _thinning(settings: Settings) -> Thinning:
+    return Thinning(
+        video_rate=settings.get("video_rate"),
+        span=settings["range"],
+        stride=settings["stride"],
+        most=settings["frames"],
+        least_seen=settings.get("least_seen", 0.0),
+    )
+
+
+def _take(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return take.load_take(
+        folder,
+        settings["folder"],
+        settings["take"],
+        name=settings["name"],
+        persons=settings["persons"],
+        others=settings["others"],
+        vertical=settings["vertical"],
+        thinning=_thinning(settings),
+        degrees_per_frame=settings["degrees_per_frame"],
+    )
+
+
+def _take_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(take.find(folder, settings["folder"], settings["take"]))
+
+
+def _two_person(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return two_person.load_scene(
+        folder,
+        settings["take"],
+        name=settings["name"],
+        thinning=_thinning(settings),
+        degrees_per_frame=settings["degrees_per_frame"],
+    )
+
+
+def _two_person_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    return sources.sha256(two_person.path(folder, settings["take"]))
+
+
 def _garg(settings: Settings, folder: Path, stand_in: bool) -> Scene:
     return garg.load_scene(
         folder,
@@ -131,6 +174,8 @@ SOURCES: dict[str, Source] = {
     "mocap_body": (_mocap_body, _mocap_body_digest),
     "procedural": (_procedural, _procedural_digest),
     "hopkins155": (_hopkins, _hopkins_digest),
+    "take": (_take, _take_digest),
+    "two_person": (_two_person, _two_person_digest),
     "garg": (_garg, _garg_digest),
 }
 

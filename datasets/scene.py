@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.body import Array, Body, DatasetError, centre, no_edges, spread, upright
+from datasets.body import Array, Body, DatasetError, centre, no_edges, observed, spread, upright
 from datasets.cameras import orbit, project
+from datasets.gaps import drop
 from datasets.noise import add_noise
 
 PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
@@ -31,11 +32,11 @@ class Scene:
     labels : (P,) int array or None
         Index of each track's body.
     structure : (F, 3, P) array or None
-        True points, centred per frame.
+        True points, centred per frame; NaN where a point was not captured.
     cameras : (F, 2, 3) array or None
         Orthographic cameras with orthonormal rows.
     visible : (F, P) bool array or None
-        False where a track is not observed; None when all are.
+        False where a track is not observed, and its position is NaN; None when all are.
     edges : (E, 2) int array
         Bones or surface neighbours.
     digest : str
@@ -75,9 +76,12 @@ class Scene:
             value = getattr(self, key)
             if value is not None and value.shape != shape:
                 raise DatasetError(f"scene {self.name}: {key} has shape {value.shape}, wanted {shape}")
-        bad = ~np.isfinite(W).all(axis=1)
+        bad = ~observed(W)
+        if self.structure is not None:
+            bad |= ~observed(self.structure)
         if self.visible is not None:
             bad &= self.visible
+            _check_gaps(self.name, W, self.visible)
         if bad.any():
             frame, point = np.argwhere(bad)[0]
             raise DatasetError(
@@ -105,6 +109,13 @@ class Scene:
     def with_noise(self, level: float, repeat: int = 0) -> Scene:
         """A copy with noise on the tracks (see :func:`datasets.noise.add_noise`)."""
         return replace(self, tracks=add_noise(self.tracks, level, repeat, self.name))
+
+    def with_gaps(self, kind: str, share: float, length: int = 1, repeat: int = 0) -> Scene:
+        """A copy with a share of the observations dropped (see :func:`datasets.gaps.drop`); the truth stays whole."""
+        visible = drop(self.tracks, kind, share, length, repeat, self.name)
+        if visible.all():
+            return self
+        return replace(self, tracks=np.where(visible[:, None], self.tracks, np.nan), visible=visible)
 
 
 def offset(placement: str | Sequence[float]) -> Array:
@@ -212,7 +223,7 @@ def compose(
     shortest = min(b.n_frames for b in bodies)
     if n_frames is not None and not 2 <= n_frames <= shortest:
         raise DatasetError(f"dataset.frames is {n_frames}, but the bodies allow 2..{shortest}")
-    parts, edges, start = [], [], 0
+    parts = []
     for k, body in enumerate(bodies):
         S = centre(upright(body.structure, body.vertical) if body.name in turned else body.structure)
         kept = S[: n_frames or shortest]
@@ -220,19 +231,63 @@ def compose(
         if size == 0:
             raise DatasetError(f"body {body.name}: all points coincide, so it cannot be scaled")
         parts.append((kept if scale == "stored" else kept / size) + k * step[:, None])
-        edges.append(body.edges + start)
-        start += body.n_points
-    structure = centre(np.concatenate(parts, axis=2))
+    return _film(bodies, parts, name, degrees_per_frame)
+
+
+def captured(
+    bodies: Sequence[Body], *, name: str | None = None, turn_upright: bool = True, degrees_per_frame: float = 5.0
+) -> Scene:
+    """Bodies where they were captured, in the axes of one room, viewed with one orbiting camera.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        One or more, of one length; what was not captured is a gap in the tracks.
+    name : str, optional
+        Scene name; the bodies' names joined by ``_`` by default.
+    turn_upright : bool
+        Turn the room so that its vertical is z, the axis the camera circles.
+    degrees_per_frame : float
+        The camera's step.
+
+    Returns
+    -------
+    Scene
+        Centred per frame and scaled to unit spread, with W = R S exactly.
+
+    Raises
+    ------
+    DatasetError
+        If there is no body, the bodies differ in length or nothing was captured in some frame.
+    """
+    if not bodies:
+        raise DatasetError("the take holds no body")
+    if len({b.n_frames for b in bodies}) > 1:
+        raise DatasetError(f"the bodies have {', '.join(str(b.n_frames) for b in bodies)} frames, wanted one number")
+    parts = [upright(b.structure, b.vertical) if turn_upright else b.structure for b in bodies]
+    return _film(bodies, parts, name, degrees_per_frame)
+
+
+def _film(bodies: Sequence[Body], parts: Sequence[Array], name: str | None, degrees_per_frame: float) -> Scene:
+    """The scene of bodies in their places, (F, 3, P) each, before the orbiting camera."""
+    structure = np.concatenate(parts, axis=2)
+    title = name or "_".join(b.name for b in bodies)
+    visible = observed(structure)
+    if empty := np.flatnonzero(~visible.any(axis=1)).tolist():
+        raise DatasetError(f"scene {title}: nothing is seen in frame {empty[0]}; leave such frames out")
+    structure = centre(structure)
     structure /= spread(structure)
     cameras = orbit(len(structure), degrees_per_frame)
+    starts = np.cumsum([0, *(b.n_points for b in bodies)])
     return Scene(
-        name=name or "_".join(b.name for b in bodies),
+        name=title,
         tracks=project(cameras, structure),
         bodies=tuple(b.name for b in bodies),
         labels=np.repeat(np.arange(len(bodies)), [b.n_points for b in bodies]),
         structure=structure,
         cameras=cameras,
-        edges=np.concatenate(edges),
+        visible=None if visible.all() else visible,
+        edges=np.concatenate([body.edges + start for body, start in zip(bodies, starts[:-1], strict=True)]),
         digest=" ".join(b.digest for b in bodies),
         stand_in=any(b.stand_in for b in bodies),
     )
@@ -245,3 +300,13 @@ def _turned(asked: bool | Sequence[str], names: Sequence[str]) -> Sequence[str]:
     if isinstance(asked, str) or not isinstance(asked, Sequence) or not set(asked) <= set(names):
         raise DatasetError(f"dataset.upright is {asked!r}, wanted true, false, or some of {list(names)}")
     return asked
+
+
+def _check_gaps(name: str, W: Array, visible: NDArray[np.bool_]) -> None:
+    """Raise DatasetError unless hidden positions are NaN and every frame and every track is seen somewhere."""
+    if not np.isnan(W.transpose(0, 2, 1)[~visible]).all():
+        raise DatasetError(f"scene {name}: a hidden track position holds a number, wanted NaN")
+    for axis, word in ((1, "frame"), (0, "track")):
+        unseen = np.flatnonzero(~visible.any(axis=axis))
+        if len(unseen):
+            raise DatasetError(f"scene {name}: {word} {unseen[0]} is never observed; leave it out")

@@ -109,6 +109,13 @@ CATALOGUE: Mapping[str, File] = {
             """,
         ),
         *listed(
+            "c3d",
+            f"{_GITHUB}/Mohaoui-S/MoCap-data/a1178bf06f76ee90a65d79222b3d220f09bdfdcc",
+            "free to use",
+            "CMU Graphics Lab motion capture database, mocap.cs.cmu.edu",
+            "cmu_02_01.c3d 231152 a272d142c2bdd3eed937238cb029a450ea46224cdaa500ab3b58f1c5e7308063 02_01.c3d",
+        ),
+        *listed(
             "hopkins155",
             f"{_GITHUB}/VictorSanh/Unsupervised_Learning_HMWK/255cf39a8ffc241a72907ada54c80d7787208510"
             "/HMWK2/data/Hopkins155",
@@ -120,7 +127,7 @@ CATALOGUE: Mapping[str, File] = {
 }
 
 #: Groups that are fetched when they are named; the others hold what the paper's tables need.
-ON_REQUEST = frozenset({"hopkins155"})
+ON_REQUEST = frozenset({"hopkins155", "c3d"})
 
 State = tuple[File, str]
 Progress = Callable[[File, int], None]  # told, now and then, the file and how many of its bytes have come

@@ -45,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where}", required=True)
-    names = "a group (mocap, hopkins155), a file (mocap/drink.mat, drink) or a sequence (shark); {} by default"
+    names = "a group (mocap, hopkins155, c3d), a file (mocap/drink.mat, drink) or a sequence (shark); {} by default"
     for verb, text in (
         ("list", "every file: state, size, terms, source"),
         (

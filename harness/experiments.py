@@ -20,7 +20,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from harness.record import Trial, UsageError
+from datasets.gaps import KINDS
+from harness.record import AUTO, Trial, UsageError
 
 MISSING = ("error", "stand_in")
 RERUN = ("none", "failed", "all")
@@ -109,7 +110,7 @@ def tracking_uri(plain: Mapping[str, Any]) -> str:
 
 def trial_of(plain: Mapping[str, Any]) -> Trial:
     """The Trial of a resolved configuration; raises UsageError on values that no trial can have."""
-    for group in ("dataset", "method", "cameras", "noise"):
+    for group in ("dataset", "method", "cameras", "noise", "gaps"):
         if not isinstance(plain.get(group), Mapping):
             raise UsageError(f"{group} is {plain.get(group)!r}, wanted one of its choices; see 'harness list'")
     dataset, method = dict(plain["dataset"]), dict(plain["method"])
@@ -130,13 +131,21 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
     if plain["cameras"].get("source") not in ("known", "estimated"):
         raise UsageError(f"cameras.source is {plain['cameras'].get('source')!r}, wanted known or estimated")
     n_bodies = plain["n_bodies"]
-    if n_bodies is not None and (isinstance(n_bodies, bool) or not isinstance(n_bodies, int) or n_bodies < 1):
-        raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, or null for the scene's")
+    gaps = dict(plain["gaps"])
+    share = gaps.get("share")
+    if gaps.get("kind") not in KINDS:
+        raise UsageError(f"gaps.kind is {gaps.get('kind')!r}, wanted one of {', '.join(KINDS)}")
+    if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share < 1:
+        raise UsageError(f"gaps.share is {share!r}, wanted a number from 0 to less than 1")
+    whole = isinstance(n_bodies, int) and not isinstance(n_bodies, bool) and n_bodies >= 1
+    if not (whole or n_bodies in (None, AUTO)):
+        raise UsageError(f"n_bodies is {n_bodies!r}, wanted a whole number >= 1, auto, or null for the scene's")
     return Trial(
         dataset=dataset,
         method=method,
         cameras=dict(plain["cameras"]),
-        noise={"level": float(level), "repeat": repeat if level else 0},  # without noise there is one draw
+        noise={"level": float(level), "repeat": repeat if level or share else 0},  # without either there is one draw
+        gaps={} if gaps["kind"] == "none" or share == 0 else gaps | {"share": float(share)},
         n_bodies=n_bodies,
     )
 

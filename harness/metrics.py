@@ -1,4 +1,7 @@
-"""The metrics: 3D error, rotation error, missegmentation. Truth and estimate in, numbers out."""
+"""The metrics: 3D error, rotation error, missegmentation. Truth and estimate in, numbers out.
+
+Points count whether they were observed or not, where their true place is known; places that are NaN do not count.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +12,33 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from datasets.body import centre, observed
 from datasets.scene import Scene
 from methods.base import Reconstruction
 from methods.cameras import axes
+from methods.spectral import MOST, eigengaps
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 
 def e_3d(estimate: Array, truth: Array) -> float:
-    """The paper's error, eq. (22): mean over frames of |S_est - S_gt|_F / |S_gt|_F, both (F, 3, P)."""
-    return float(np.mean(frame_errors(estimate, truth)))
+    """The paper's error, eq. (22): mean over frames of |S_est - S_gt|_F / |S_gt|_F, both (F, 3, P).
+
+    Frames in which nothing is known do not count.
+    """
+    return float(np.nanmean(frame_errors(estimate, truth)))
 
 
 def frame_errors(estimate: Array, truth: Array) -> Array:
-    """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P)."""
-    return np.linalg.norm(estimate - truth, axis=(1, 2)) / np.linalg.norm(truth, axis=(1, 2))
+    """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P); NaN where nothing is known."""
+    size = _norm(truth, (1, 2))
+    return np.divide(_norm(estimate - truth, (1, 2)), size, out=np.full(len(size), np.nan), where=size > 0)
 
 
 def e_3d_total(estimate: Array, truth: Array) -> float:
     """|S_est - S_gt|_F / |S_gt|_F over the whole sequence."""
-    return float(np.linalg.norm(estimate - truth) / np.linalg.norm(truth))
+    return float(_norm(estimate - truth) / _norm(truth))
 
 
 def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
@@ -39,7 +48,7 @@ def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
 
 def e_3d_procrustes(estimate: Array, truth: Array) -> float:
     """:func:`e_3d` after the best orthogonal matrix of each frame."""
-    U, _, Vt = np.linalg.svd(truth @ estimate.transpose(0, 2, 1))
+    U, _, Vt = np.linalg.svd(np.nan_to_num(truth) @ np.nan_to_num(estimate).transpose(0, 2, 1))
     return e_3d((U @ Vt) @ estimate, truth)
 
 
@@ -48,7 +57,7 @@ def e_3d_dai(estimate: Array, truth: Array) -> float:
 
     The number of the older literature; Dai, Li, He, CVPR 2012, after Akhter et al. 2011.
     """
-    return float(np.linalg.norm(estimate - truth, axis=1).mean() / truth.std(axis=2).mean())
+    return float(np.nanmean(np.linalg.norm(estimate - truth, axis=1)) / np.nanstd(truth, axis=2).mean())
 
 
 def e_r(estimate: Array, truth: Array) -> float:
@@ -58,7 +67,10 @@ def e_r(estimate: Array, truth: Array) -> float:
 
 
 def n_wrong(estimate: Labels, truth: Labels) -> int:
-    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies."""
+    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies.
+
+    Where there are more clusters than bodies, or fewer, all tracks of those that stay unmatched are wrong.
+    """
     _, est = np.unique(estimate, return_inverse=True)
     _, true = np.unique(truth, return_inverse=True)
     table = np.zeros((est.max() + 1, true.max() + 1), dtype=int)
@@ -87,7 +99,7 @@ def align_procrustes(estimate: Array, truth: Array) -> Array:
 
 def procrustes(estimate: Array, truth: Array) -> Array:
     """The orthogonal (3, 3) matrix, reflection allowed, that takes one (F, 3, P) structure nearest to another."""
-    U, _, Vt = np.linalg.svd(np.einsum("fip,fjp->ij", truth, estimate))
+    U, _, Vt = np.linalg.svd(np.einsum("fip,fjp->ij", np.nan_to_num(truth), np.nan_to_num(estimate)))
     return U @ Vt
 
 
@@ -96,8 +108,9 @@ def align_polar(estimate: Array, truth: Array) -> Array:
 
     The rule of the block matrix method's released code; not the Procrustes solution.
     """
-    cross = np.einsum("fip,fjp->ij", truth, estimate)
-    own = np.einsum("fip,fjp->ij", estimate, estimate)
+    S_gt, S_est = np.nan_to_num(truth), np.nan_to_num(estimate)
+    cross = np.einsum("fip,fjp->ij", S_gt, S_est)
+    own = np.einsum("fip,fjp->ij", S_est, S_est)
     U, _, Vt = np.linalg.svd(cross @ np.linalg.pinv(own))
     return (U @ Vt) @ estimate
 
@@ -107,8 +120,13 @@ def centre_bodies(structure: Array, labels: Labels) -> Array:
     centred = structure.copy()
     for label in np.unique(labels):
         mine = labels == label
-        centred[:, :, mine] -= structure[:, :, mine].mean(axis=2, keepdims=True)
+        centred[:, :, mine] = centre(structure[:, :, mine])
     return centred
+
+
+def _norm(X: Array, axis: tuple[int, ...] | None = None) -> Array:
+    """The Frobenius norm of what is known."""
+    return np.sqrt(np.nansum(X**2, axis=axis))
 
 
 def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, float]:
@@ -127,16 +145,17 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dic
     Returns
     -------
     dict of str to float
-        Names as above, ``e_3d_body_k`` for each body, ``e_ms`` (a share), ``n_wrong`` (a count),
-        ``reprojection`` (relative, from the tracks alone), finite values only.
+        Names as above, ``e_3d_body_k`` for each body, ``e_3d_visible`` and ``e_3d_hidden`` (where tracks have gaps:
+        e_3d over the points that were observed, and over those that were not), ``e_ms`` (a share), ``n_wrong`` (a
+        count), ``reprojection`` (relative, from the visible tracks alone), finite values only.
     """
     values: dict[str, float] = {}
     if found.structure is not None:
         values |= _structure_metrics(scene, found, known_cameras)
         cameras = found.cameras
         if cameras is not None:
-            W = scene.tracks - scene.tracks.mean(axis=2, keepdims=True)
-            values["reprojection"] = float(np.linalg.norm(W - cameras @ found.structure) / np.linalg.norm(W))
+            W = centre(scene.tracks)
+            values["reprojection"] = float(_norm(centre(W - cameras @ found.structure)) / _norm(W))
             if scene.cameras is not None and not known_cameras:
                 values["e_r"] = e_r(cameras, scene.cameras)
     if scene.labels is not None:
@@ -156,17 +175,37 @@ def by_frame(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dic
     """
     if scene.structure is None or found.structure is None:
         return {}
-    truth = scene.structure - scene.structure.mean(axis=2, keepdims=True)
-    S = found.structure - found.structure.mean(axis=2, keepdims=True)
+    truth = centre(scene.structure)
+    S = centre(np.where(np.isnan(truth), np.nan, found.structure))
     alignment = np.eye(3) if known_cameras else procrustes(S, truth)
     return {"frame_e_3d": frame_errors(alignment @ S, truth), "alignment": alignment}
+
+
+def count(scene: Scene, found: Reconstruction) -> dict[str, float]:
+    """How many bodies a method found that was not told their number.
+
+    Returns
+    -------
+    dict of str to float
+        ``n_bodies_found``; ``eigengap``, that of the affinity behind so many clusters; ``miscounted``, 1 where the
+        number is not the scene's and 0 where it is. Nothing where there are no labels.
+    """
+    if found.labels is None:
+        return {}
+    n = len(np.unique(found.labels))
+    values = {"n_bodies_found": float(n)}
+    if found.affinity is not None and n <= MOST:
+        values["eigengap"] = float(eigengaps(found.affinity)[n - 1])
+    if scene.n_bodies is not None:
+        values["miscounted"] = float(n != scene.n_bodies)
+    return values
 
 
 def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict[str, float]:
     if scene.structure is None or found.structure is None:
         return {}
-    truth = scene.structure - scene.structure.mean(axis=2, keepdims=True)
-    S = found.structure - found.structure.mean(axis=2, keepdims=True)
+    truth = centre(scene.structure)
+    S = centre(np.where(np.isnan(truth), np.nan, found.structure))
     keep: Callable[[Array, Array], Array] = lambda estimate, _: estimate  # noqa: E731
     align, polar = (keep, keep) if known else (align_procrustes, align_polar)
     aligned = align(S, truth)
@@ -176,6 +215,10 @@ def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict
         "e_3d_procrustes": e_3d_procrustes(S, truth),
         "e_3d_dai": e_3d_dai(polar(S, truth), truth),
     }
+    if scene.visible is not None:
+        for name, part in (("visible", scene.visible), ("hidden", ~scene.visible)):
+            if (part & observed(truth)).any():
+                values[f"e_3d_{name}"] = e_3d(aligned, np.where(part[:, None], truth, np.nan))
     if found.cameras is not None and scene.cameras is not None:
         mine, true = axes(found.cameras) @ S, axes(scene.cameras) @ truth
         values["e_3d_dai_cam"] = e_3d_dai(polar(mine, true), true)
@@ -184,6 +227,6 @@ def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict
         values["e_3d_centred"] = e_3d_centred(centred, truth, scene.labels)
         for k in np.unique(scene.labels):
             body, own = S[:, :, scene.labels == k], truth[:, :, scene.labels == k]
-            body, own = (X - X.mean(axis=2, keepdims=True) for X in (body, own))
+            body, own = centre(body), centre(own)
             values[f"e_3d_body_{k}"] = e_3d(align(body, own), own)
     return values

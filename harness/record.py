@@ -9,7 +9,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-OK, FAILED, CRASHED, TIMEOUT, OOM = STATUSES = ("ok", "failed", "crashed", "timeout", "oom")
+OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
+
+
+#: The number of bodies that is left to the method.
+AUTO = "auto"
 
 
 class UsageError(ValueError):
@@ -28,23 +32,24 @@ class Trial:
 
     Parameters
     ----------
-    dataset, method, cameras, noise : mapping
-        The four groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
+    dataset, method, cameras, noise, gaps : mapping
+        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
         words that stand in tables.
-    n_bodies : int or None
-        Number of clusters asked for; None takes the scene's.
+    n_bodies : int, "auto" or None
+        Number of clusters asked for; None takes the scene's, ``auto`` leaves it to the method.
     """
 
     dataset: Mapping[str, Any]
     method: Mapping[str, Any]
     cameras: Mapping[str, Any]
     noise: Mapping[str, Any]
-    n_bodies: int | None = None
+    gaps: Mapping[str, Any] = field(default_factory=dict)
+    n_bodies: int | str | None = None
 
     @property
     def setting(self) -> str:
         """Hash of what was asked, whatever data and code answer it."""
-        return digest(asdict(self))
+        return digest({name: value for name, value in asdict(self).items() if name != "gaps" or value})
 
     def key(self, data: str, version: str) -> str:
         """The trial's identity: its setting, the data's digest and the method's version."""
@@ -56,6 +61,10 @@ class Trial:
         words = [str(self.dataset["name"]), str(self.method["name"])]
         if self.noise["level"]:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
+        if self.gaps:
+            words.append(f"gaps={self.gaps['kind']} {self.gaps['share']:g}")
+        if self.n_bodies == AUTO:
+            words.append("n_bodies=auto")
         if self.cameras["source"] != "known":
             words.append(f"cameras={self.cameras['source']}")
         return " ".join(words)
@@ -66,7 +75,8 @@ class Outcome:
     """What a trial left behind; the contents of its ``result.json``.
 
     ``metrics`` holds finite numbers alone: a metric that does not apply is left out, never null or 0.
-    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom.
+    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom, absent (the data are not
+    there; ``error`` says how to get them).
     """
 
     key: str

@@ -14,7 +14,7 @@ from harness.answers import Store, answers
 from harness.arguments import Parser
 from harness.evidence import Arrays, as_configured
 from harness.experiments import Settings, configurations
-from harness.record import OK, UsageError
+from harness.record import ABSENT, OK, UsageError
 from harness.storage import write_text
 from reports import claims
 from reports.catalogue import charts
@@ -23,7 +23,7 @@ from reports.grid import Tracked
 from reports.page import page
 from reports.runs import Fetch
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS, console, glance
+from reports.writers import FORMATS, console, glance, tally
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -162,8 +162,14 @@ def _figures(report: Report) -> Iterator[tuple[str, Figure]]:
                 yield f"{table}_{outcome.dataset}_{outcome.method}{noise}", overview(arrays, outcome)
 
 
+TALLY = "tally"
+
+
 def renew(path: Path, built: Sequence[Table]) -> None:
     """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
+
+    Between the marks of ``tally`` stands how many published numbers each of the tables reproduces; a document that
+    has them need not hold the tables.
 
     Raises
     ------
@@ -171,12 +177,16 @@ def renew(path: Path, built: Sequence[Table]) -> None:
         If the document lacks a table's marks.
     """
     text = path.read_text(encoding="utf-8")
-    for table in built:
-        start, end = f"<!-- {table.name} -->\n", f"<!-- end {table.name} -->"
+    parts = {table.name: f"{table.summary}\n\n{glance(table)}" for table in built}
+    if f"<!-- {TALLY} -->" in text:
+        parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text}
+        parts[TALLY] = tally(built)
+    for name, part in parts.items():
+        start, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
         if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
             raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
         head, _, rest = text.partition(start)
-        text = f"{head}{start}{table.summary}\n\n{glance(table)}{end}{rest.partition(end)[2]}"
+        text = f"{head}{start}{part}{end}{rest.partition(end)[2]}"
     write_text(path, text)
 
 
@@ -223,9 +233,12 @@ def main(argv: Sequence[str]) -> int:
     print(f"Written to {folder}; open {folder / 'index.html'}")
     asked = [answer for group in report.answers.values() for answer in group]
     lacking = [trial for trial, run in asked if run is None]
-    failed = [trial for trial, run in asked if run and run.outcome.status != OK]
+    ended = [run.outcome.status for _, run in asked if run]
+    absent, failed = ended.count(ABSENT), sum(status not in (OK, ABSENT) for status in ended)
     if lacking:
         print(f"{len(lacking)} trials are not run yet; 'harness run +experiment=...' runs them", file=sys.stderr)
+    if absent:
+        print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)
     if failed:
-        print(f"{len(failed)} trials failed; the cells say why", file=sys.stderr)
-    return 2 if lacking or failed else 0
+        print(f"{failed} trials failed; the cells say why", file=sys.stderr)
+    return 2 if lacking or absent or failed else 0

@@ -12,11 +12,11 @@ from pathlib import Path
 from filelock import FileLock
 
 from datasets import registry as datasets
-from datasets.body import DatasetError
+from datasets.body import DatasetError, MissingData
 from harness import storage
 from harness.experiments import Settings
 from harness.isolation import run_isolated
-from harness.record import FAILED, OK, Outcome, Trial
+from harness.record import ABSENT, FAILED, OK, Outcome, Trial
 from harness.running import place
 from methods.base import MethodError
 from methods.registry import build_method, version
@@ -32,14 +32,14 @@ class Entry:
     ran: bool
 
 
-def identify(trial: Trial, settings: Settings) -> tuple[str, str]:
-    """The trial's key, and why it cannot run ("" when it can)."""
+def identify(trial: Trial, settings: Settings) -> tuple[str, DatasetError | MethodError | None]:
+    """The trial's key, and why it cannot run (None when it can)."""
     try:
         data = datasets.digest(trial.dataset, settings.data, settings.missing == "stand_in")
         method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     except (DatasetError, MethodError) as error:
-        return trial.key("unavailable", str(error)), str(error)
-    return trial.key(data, version(method)), ""
+        return trial.key("unavailable", str(error)), error
+    return trial.key(data, version(method)), None
 
 
 def done(trial: Trial, settings: Settings) -> tuple[str, Outcome | None]:
@@ -65,7 +65,8 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
         start = time.monotonic()
         blank = _blank(trial, key, settings.sweep)
         if reason:
-            storage.write_record(folder, replace(blank, error=reason))
+            status = ABSENT if isinstance(reason, MissingData) else FAILED
+            storage.write_record(folder, replace(blank, status=status, error=str(reason)))
         else:
             stand_in = settings.missing == "stand_in"
             running = place(settings.output, settings.sweep, key)
@@ -138,12 +139,13 @@ def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
         motion=str(trial.dataset.get("motion", "")),
         level=float(trial.noise["level"]),
         repeat=int(trial.noise["repeat"]),
-        n_bodies=trial.n_bodies,
+        n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
         sweep=sweep,
         parameters={
             "dataset": dict(trial.dataset),
             "method": dict(trial.method),
             "cameras": dict(trial.cameras),
             "noise": dict(trial.noise),
+            "gaps": dict(trial.gaps),
         },
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 import traceback
 from collections.abc import Mapping
@@ -12,16 +13,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from datasets.body import DatasetError
+from datasets.body import DatasetError, MissingData
 from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
-from harness.memory import refusal
-from harness.record import FAILED, OK, Outcome, Trial, UsageError
+from harness.memory import Size, refusal
+from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
-from methods.base import NO_CAMERAS, Array, MethodError, Progress, Reconstruction
+from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction
+from methods.gaps import complete
 from methods.registry import build_method
 from methods.rotation import estimate_cameras
 
@@ -37,7 +39,7 @@ def work(
     memory_gb: float = float("inf"),
     running: Path | None = None,
 ) -> None:
-    """Carry out a trial and leave its record in ``folder``; an exception becomes a record of status failed.
+    """Carry out a trial and leave its record in ``folder``; an exception becomes a record that says so.
 
     Meanwhile ``running`` is told how far it is. What does not fit into ``memory_gb`` is not begun.
     """
@@ -52,7 +54,8 @@ def work(
         if not isinstance(error, EXPECTED):
             text = f"{type(error).__name__}: {text}"
             (folder / TRACEBACK).write_text(traceback.format_exc())
-        outcome = replace(blank, status=FAILED, error=text[:2000])
+        status = ABSENT if isinstance(error, MissingData) else FAILED
+        outcome = replace(blank, status=status, error=text[:2000])
     outcome = replace(outcome, seconds=round(time.perf_counter() - start, 4), peak_mb=round(peak_mb(), 1))
     write_record(folder, outcome)
 
@@ -73,26 +76,26 @@ def compute(
         If the scene or the method cannot be had as asked, or the method would need more memory than it may take.
     """
     scene = load_scene(trial.dataset, data, stand_in)
-    n_bodies = trial.n_bodies or scene.n_bodies
-    if n_bodies is None:
-        raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies")
-    if scene.n_bodies is not None and n_bodies != scene.n_bodies:
-        raise UsageError(
-            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
-            f"{n_bodies}; leave n_bodies out or choose another scene"
-        )
-    noisy = scene.with_noise(trial.noise["level"], trial.noise["repeat"])
+    n_bodies = _n_bodies(trial, scene)
+    repeat = trial.noise["repeat"]
+    noisy = scene.with_noise(trial.noise["level"], repeat)
+    if trial.gaps:
+        noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    if why := refusal(method, scene, memory_gb):
+    if why := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(why)
     known = trial.cameras["source"] == "known"
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
-    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, progress=progress)
+    gaps = _gaps(method, noisy)
+    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, progress=progress, **gaps)
+    auto = n_bodies is None
+    if auto and found.labels is not None:
+        n_bodies = len(np.unique(found.labels))
     check(found, method.provides, noisy.tracks.shape)
     outcome = replace(
         blank,
         status=OK,
-        metrics=metrics.evaluate(noisy, found, known_cameras=known),
+        metrics=metrics.evaluate(noisy, found, known_cameras=known) | (metrics.count(noisy, found) if auto else {}),
         stand_in=scene.stand_in,
         n_bodies=n_bodies,
         n_points=scene.n_points,
@@ -104,6 +107,7 @@ def compute(
         "affinity": found.affinity,
         "cameras": found.cameras,
         "tracks": noisy.tracks,
+        "visible": noisy.visible,
         "true_structure": scene.structure,
         "true_labels": scene.labels,
         "edges": scene.edges,
@@ -113,10 +117,34 @@ def compute(
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
 
 
+def _n_bodies(trial: Trial, scene: Scene) -> int | None:
+    """The number of bodies that the method is told; None when it is to be estimated."""
+    if trial.n_bodies == AUTO:
+        return None
+    n_bodies = trial.n_bodies or scene.n_bodies
+    if not isinstance(n_bodies, int):
+        raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies, or n_bodies=auto")
+    if scene.n_bodies is not None and n_bodies != scene.n_bodies:
+        raise UsageError(
+            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
+            f"{n_bodies}; leave n_bodies out or choose another scene"
+        )
+    return n_bodies
+
+
+def _gaps(method: Method, scene: Scene) -> Mapping[str, Any]:
+    """What a method is told of gaps: nothing where there are none, so that it need not know the word."""
+    if scene.visible is None:
+        return {}
+    if "visible" not in inspect.signature(method.reconstruct).parameters:
+        raise MethodError(f"{type(method).__name__} cannot work with gaps: its reconstruct takes no 'visible'")
+    return {"visible": scene.visible}
+
+
 def _cameras(scene: Scene, trial: Trial) -> Array:
     if trial.cameras["source"] != "known":
         options = {name: trial.cameras[name] for name in ("rank", "start", "refine") if name in trial.cameras}
-        return estimate_cameras(scene.tracks, **options)
+        return estimate_cameras(complete(scene.tracks, scene.visible), **options)
     if scene.cameras is None:
         raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     return scene.cameras

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -14,10 +14,14 @@ from sklearn.base import BaseEstimator
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 #: Called during long work with (iteration, iterations, residuals by name).
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
+
+#: Ways to keep diag(C) = 0, see :class:`methods.multibody.MultiBody`.
+DIAGONALS = ("threshold", "exact", "paper")
 
 #: Takes the place of cameras where a method uses none.
 NO_CAMERAS: Array = np.empty((0, 2, 3))
@@ -71,8 +75,9 @@ class Method(BaseEstimator):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
@@ -81,12 +86,14 @@ class Method(BaseEstimator):
         Parameters
         ----------
         tracks : (F, 2, P) array
-            Image coordinates, all finite.
+            Image coordinates, finite where they are visible.
         cameras : (F, 2, 3) array
             Orthographic cameras with orthonormal rows, known or estimated; :data:`NO_CAMERAS` for a method
             that uses none.
-        n_bodies : int
-            Number of clusters, at least 1.
+        n_bodies : int or None
+            Number of clusters, at least 1; None when it is to be estimated.
+        visible : (F, P) bool array, optional
+            False where a track is not observed, and its position is NaN; all are by default.
         edges : (E, 2) int array, optional
             Neighbouring tracks, for methods with a spatial term.
         progress : callable, optional
@@ -115,20 +122,27 @@ class Standardised:
     scale: float
 
 
-def standardise(tracks: Array) -> Standardised:
+def standardise(tracks: Array, visible: Mask | None = None) -> Standardised:
     """Centre (F, 2, P) tracks per frame and scale them to unit mean per-row standard deviation.
 
     Centred tracks obey W = R S without a translation (Kumar, Dai, Li, 3DV 2016, eq. 1). The weights of the methods
-    assume these units.
+    assume these units. Where ``visible`` (F, P) is False nothing counts, and W is 0.
 
     Raises
     ------
     MethodError
-        If the tracks are not a finite (F, 2, P) array, or all coincide.
+        If the tracks are not an (F, 2, P) array, finite where they are visible, or all coincide; or as
+        :func:`check_gaps`.
     """
-    check_tracks(tracks)
-    W = tracks - tracks.mean(axis=2, keepdims=True)
-    scale = float(W.std(axis=2).mean())
+    if visible is None:
+        check_tracks(tracks)
+        W = tracks - tracks.mean(axis=2, keepdims=True)
+        scale = float(W.std(axis=2).mean())
+    else:
+        check_gaps(tracks, visible)
+        seen = np.where(visible[:, None], tracks, np.nan)
+        W = np.nan_to_num(seen - np.nanmean(seen, axis=2, keepdims=True))
+        scale = float(np.nanstd(seen, axis=2).mean())
     if scale == 0:
         raise MethodError("all tracks coincide in every frame; there is nothing to reconstruct")
     return Standardised(W / scale, scale)
@@ -144,12 +158,33 @@ def check_setting(owner: object, name: str, low: float, *, strict: bool = True, 
         raise MethodError(f"{type(owner).__name__}: {name} is {value!r}, wanted {wanted}")
 
 
+def check_word(owner: object, name: str, words: Sequence[str]) -> None:
+    """Raise MethodError unless a hyper-parameter is one of some words."""
+    if getattr(owner, name) not in words:
+        raise MethodError(f"method.{name} is {getattr(owner, name)!r}, wanted one of {', '.join(words)}")
+
+
 def check_tracks(tracks: Array) -> None:
     """Raise MethodError unless the tracks are a finite (F, 2, P) array."""
     if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:
         raise MethodError(f"tracks have shape {tracks.shape}, wanted (frames, 2, points)")
     if not np.isfinite(tracks).all():
-        raise MethodError("tracks hold NaN or infinite values; remove those tracks or frames")
+        raise MethodError("tracks hold NaN or infinite values; remove those tracks or frames, or say what is visible")
+
+
+def check_gaps(tracks: Array, visible: Mask) -> None:
+    """Raise MethodError unless the mask fits (F, 2, P) tracks, which are finite where it says so, and sees enough.
+
+    Every frame must show two points and every track two frames.
+    """
+    if tracks.ndim != 3 or tracks.shape[1] != 2 or visible.shape != (tracks.shape[0], tracks.shape[2]):
+        raise MethodError(f"tracks have shape {tracks.shape} and visible {visible.shape}, wanted (F, 2, P) and (F, P)")
+    if not np.isfinite(tracks.transpose(0, 2, 1)[visible]).all():
+        raise MethodError("visible tracks hold NaN or infinite values; mark them as not visible")
+    for axis, word in ((1, "frame"), (0, "track")):
+        few = np.flatnonzero(visible.sum(axis=axis) < 2)
+        if len(few):
+            raise MethodError(f"{word} {few[0]} is observed less than twice; leave it out")
 
 
 def check_cameras(cameras: Array, n_frames: int) -> None:
@@ -160,9 +195,9 @@ def check_cameras(cameras: Array, n_frames: int) -> None:
         raise MethodError("camera rows are not orthonormal")
 
 
-def check_bodies(n_bodies: int, n_points: int, least: int = 2) -> None:
-    """Raise MethodError unless tracks can be told apart into that many bodies."""
-    if not least <= n_bodies <= n_points:
+def check_bodies(n_bodies: int | None, n_points: int, least: int = 2) -> None:
+    """Raise MethodError unless tracks can be told apart into that many bodies, None for an unknown number."""
+    if n_bodies is not None and not least <= n_bodies <= n_points:
         raise MethodError(
             f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs {least} to {n_points} "
             "bodies"

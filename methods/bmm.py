@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from methods.base import (
     Array,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -20,14 +21,32 @@ from methods.base import (
     check_setting,
     standardise,
 )
+from methods.gaps import fill, misfit
 from methods.proximal import singular_value_threshold
 
 
 @dataclass(frozen=True)
 class ShapeFit:
-    """Solution of the shape step: (F, 3, P) structure, nuclear norm, relative change at the end, iterations."""
+    """Solution of the shape step, and where its ADMM stands.
+
+    Parameters
+    ----------
+    structure, shape : (F, 3, P) array
+        S and its copy S# of lower rank.
+    multiplier : (F, 3, P) array
+        Of g(S) = S#, at weight 1 of the nuclear norm.
+    penalty : float
+        b, at weight 1 of the nuclear norm.
+    nuclear_norm : float
+    residual : float
+        Relative, at the end.
+    iterations : int
+    """
 
     structure: Array
+    shape: Array
+    multiplier: Array
+    penalty: float
     nuclear_norm: float
     residual: float
     iterations: int
@@ -59,8 +78,9 @@ class BMM(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int = 1,
+        n_bodies: int | None = 1,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
@@ -70,17 +90,22 @@ class BMM(Method):
         check_setting(self, "tol", 0)
         if self.rank is not None:
             check_setting(self, "rank", 1, strict=False, whole=True)
-        data = standardise(tracks)
         check_cameras(cameras, len(tracks))
-        fit = fit_shape(data.W, cameras, self.l2, max_iter=self.max_iter, tol=self.tol, progress=progress)
+        data = standardise(tracks, visible)
+        fit = fit_shape(data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Ten arrays of 3F x P, as measured. See :meth:`methods.base.Method.memory`."""
+        return 8.0 * 10 * 3 * n_frames * n_points
 
 
 def fit_shape(
     W: Array,
     cameras: Array,
     l2: float = 0.0,
+    visible: Mask | None = None,
     *,
     max_iter: int = 6000,
     tol: float = 1e-4,
@@ -90,7 +115,9 @@ def fit_shape(
     """The shape step of the block matrix method, by ADMM on the split S# = g(S).
 
     With V = S# + Y/b the S-step is S = V + R'(W - R V) / (1 + b l2) because R R' = I; for l2 = 0 it is the projection
-    onto R S = W. The S#-step is a singular value threshold at 1/b. One iteration costs a threshold, O(F^2 3P).
+    onto R S = W. Where tracks have gaps, the residual W - R V is :func:`methods.gaps.misfit`: hidden points keep V, and
+    each frame has a translation of its own; both are exact minimisers. The S#-step is a singular value threshold at
+    1/b. One iteration costs a threshold, O(F^2 3P).
 
     Parameters
     ----------
@@ -99,6 +126,8 @@ def fit_shape(
     cameras : (F, 2, 3) array
     l2 : float
         Weight of the nuclear norm; the objective is l2 |S#|_* + 1/2 |W - R S|^2, or |S#|_* under R S = W when 0.
+    visible : (F, P) bool array, optional
+        False where a track has a gap; W is 0 there.
     max_iter, tol
         Iterations, and the relative size of the primal and dual residuals to stop at.
     penalty : float, optional
@@ -126,7 +155,7 @@ def fit_shape(
     iteration = 0
     for iteration in range(1, max_iter + 1):
         V = Z + Y
-        S = V + Rt @ (W - cameras @ V) / (1 + b * l2)
+        S = V + Rt @ misfit(W, cameras @ V, visible) / (1 + b * l2)
         S_relaxed = 1.6 * S + (1 - 1.6) * Z  # over-relaxation
         before = Z
         flat, norm = singular_value_threshold((S_relaxed - Y).reshape(F, 3 * P), 1 / b)
@@ -143,7 +172,18 @@ def fit_shape(
             factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
             b *= factor
             Y /= factor
-    return ShapeFit(S, norm, residual, iteration)
+    return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
+
+
+def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None) -> Array:
+    """Tracks whose gaps hold what the structure of least nuclear norm shows there (R S = W where visible), centred.
+
+    Tracks without gaps, ``visible`` None, stay as they are.
+    """
+    if visible is None:
+        return tracks
+    data = standardise(tracks, visible)
+    return data.scale * fill(data.W, cameras @ fit_shape(data.W, cameras, 0.0, visible).structure, visible)
 
 
 def cut_rank(structure: Array, rank: int) -> Array:

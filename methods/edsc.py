@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
 from methods.base import Array, check_setting
-from methods.spectral import spectral_clustering
+from methods.spectral import MOST, eigengaps, spectral_clustering
 
 
 class EDSC(ClusterMixin, BaseEstimator):
@@ -19,7 +19,8 @@ class EDSC(ClusterMixin, BaseEstimator):
 
     Parameters
     ----------
-    n_clusters : int
+    n_clusters : int or None
+        None takes the number whose own affinity, of rank ``dimension * n_clusters + 1``, has the widest eigengap there.
     weight : float
         Lambda, the weight of the data term.
     affine : bool
@@ -44,7 +45,7 @@ class EDSC(ClusterMixin, BaseEstimator):
 
     def __init__(
         self,
-        n_clusters: int = 2,
+        n_clusters: int | None = 2,
         *,
         weight: float = 120.0,
         affine: bool = True,
@@ -66,10 +67,18 @@ class EDSC(ClusterMixin, BaseEstimator):
         check_setting(self, "power", 0)
         check_setting(self, "dimension", 1, strict=False, whole=True)
         self.code_ = dense_code(points.T, self.weight, self.affine)
-        rank = min(self.dimension * self.n_clusters + 1, len(points))
-        self.affinity_matrix_ = shape_interaction(self.code_, rank, self.power)
-        self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
+        n = self._count() if self.n_clusters is None else self.n_clusters
+        self.affinity_matrix_ = self._affinity(n)
+        self.labels_ = spectral_clustering(self.affinity_matrix_, n, seed=self.seed)
         return self
+
+    def _affinity(self, n_clusters: int) -> Array:
+        rank = min(self.dimension * n_clusters + 1, len(self.code_))
+        return shape_interaction(self.code_, rank, self.power)
+
+    def _count(self) -> int:
+        gaps = [eigengaps(self._affinity(n))[n - 1] for n in range(1, min(MOST, len(self.code_) - 1) + 1)]
+        return int(np.argmax(gaps)) + 1
 
 
 def dense_code(X: Array, weight: float, affine: bool) -> Array:

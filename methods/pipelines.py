@@ -14,6 +14,7 @@ from sklearn.base import BaseEstimator, clone
 from methods.base import (
     Array,
     Labels,
+    Mask,
     Method,
     MethodError,
     Progress,
@@ -23,6 +24,7 @@ from methods.base import (
     check_tracks,
     standardise,
 )
+from methods.gaps import complete, enough
 
 
 class ClusterTracks(Method):
@@ -51,19 +53,27 @@ class ClusterTracks(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part."""
+        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
+        tracks = complete(tracks, visible)
         check_tracks(tracks)
         check_bodies(n_bodies, tracks.shape[2])
         W = standardise(tracks).W if self.standardise else tracks
         if self.projection is not None:
+            if n_bodies is None:
+                raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
             W = principal(W, self.projection * n_bodies)
         labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points)
 
 
 class ReconstructThenCluster(Method):
@@ -89,16 +99,21 @@ class ReconstructThenCluster(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`."""
+        """See :meth:`methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
         check_bodies(n_bodies, tracks.shape[2])
-        structure = _structure(self.reconstructor, tracks, cameras, progress)
+        structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
 
 
 class ClusterThenReconstruct(Method):
@@ -131,14 +146,15 @@ class ClusterThenReconstruct(Method):
         self,
         tracks: Array,
         cameras: Array,
-        n_bodies: int,
+        n_bodies: int | None,
         *,
+        visible: Mask | None = None,
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`."""
+        """See :meth:`methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         check_cameras(cameras, len(tracks))
-        data = standardise(tracks)
+        data = standardise(complete(tracks, visible))
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
         structure = np.empty((tracks.shape[0], 3, tracks.shape[2]))
         for label in np.unique(labels):
@@ -147,15 +163,21 @@ class ClusterThenReconstruct(Method):
             centroid = lift(W.mean(axis=2), cameras, self.trajectory_order)
             structure[:, :, mine] = centroid[:, :, None]
             if mine.sum() > 1 and np.ptp(W, axis=2).max() > 0:  # one point, or one place, is its centroid alone
-                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, progress)
+                seen = None if visible is None else enough(visible[:, mine])
+                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, seen, progress)
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
 
-def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tuple[Labels, Array]:
+
+def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
 
-    The columns of W or S on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4).
+    The columns of W or S on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4). The
+    clusterer estimates a number of bodies that is None.
     """
     n_points = trajectories.shape[-1]
     check_bodies(n_bodies, n_points)
@@ -165,6 +187,11 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int) -> tup
     except ValueError as error:
         raise MethodError(f"{type(clusterer).__name__}: {error}") from error
     return fitted.labels_, fitted.affinity_matrix_
+
+
+def clusterer_bytes(n_points: int) -> float:
+    """Bytes that SSC and EDSC take at their peak: eleven P x P arrays, as measured."""
+    return 8.0 * 11 * n_points**2
 
 
 def principal(trajectories: Array, dimension: int) -> Array:
@@ -216,8 +243,10 @@ def lift(centroid: Array, cameras: Array, order: int) -> Array:
     return basis @ weights.reshape(3, order).T
 
 
-def _structure(reconstructor: Method, tracks: Array, cameras: Array, progress: Progress | None) -> Array:
-    structure = reconstructor.reconstruct(tracks, cameras, 1, progress=progress).structure
+def _structure(
+    reconstructor: Method, tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None
+) -> Array:
+    structure = reconstructor.reconstruct(tracks, cameras, 1, visible=visible, progress=progress).structure
     if structure is None:
         raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")
     return structure

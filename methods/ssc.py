@@ -19,7 +19,8 @@ class SSC(ClusterMixin, BaseEstimator):
 
     Parameters
     ----------
-    n_clusters : int
+    n_clusters : int or None
+        None takes what the eigengap of the affinity says.
     alpha : float
         Weight of the data term, relative to the smallest weight at which the code is not zero; also the
         penalty of the ADMM. 800 for motion, 20 for images.
@@ -50,7 +51,7 @@ class SSC(ClusterMixin, BaseEstimator):
 
     def __init__(
         self,
-        n_clusters: int = 2,
+        n_clusters: int | None = 2,
         *,
         alpha: float = 800.0,
         affine: bool = True,

@@ -128,6 +128,7 @@ def _place(trial: Trial, design: Layout) -> Place:
         motion=_word(trial.dataset.get("motion", "")),
         scene=scene_words(trial.dataset),
         level=float(trial.noise.get("level", 0.0)),
+        gaps=one_line(f"{trial.gaps['kind']} {trial.gaps['share']:g}") if trial.gaps else "",
         bodies=trial.n_bodies,
     )
 

@@ -46,7 +46,9 @@ class Setting:
         Whatever else of the scene is not as it is by default.
     level : float
         Noise, as a share of the largest image coordinate.
-    bodies : int or None
+    gaps : str
+        Observations dropped: kind and share.
+    bodies : int, "auto" or None
         Clusters asked for, where that is not the scene's number.
     """
 
@@ -55,7 +57,8 @@ class Setting:
     motion: str = "registered"
     scene: str = ""
     level: float = 0.0
-    bodies: int | None = None
+    gaps: str = ""
+    bodies: int | str | None = None
 
     def words(self, names: tuple[str, ...] = ()) -> str:
         """``cameras known, placement paper, ...``; all of it, or the named fields."""
@@ -286,6 +289,13 @@ class Table:
         return Counter(cell.verdict for _, _, cell in self.cells())
 
     @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """Published numbers: all, reproduced, better, worse, not judged."""
+        verdicts = self.verdicts
+        judged = tuple(verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        return (self.published, *judged, self.published - sum(judged))  # type: ignore[return-value]
+
+    @property
     def published(self) -> int:
         """How many published numbers there are to compare with."""
         return sum(cell.published is not None for _, _, cell in self.cells())
@@ -293,18 +303,15 @@ class Table:
     @property
     def summary(self) -> str:
         """One line: how many of the published numbers were reproduced, and what became of the others."""
-        counts = self.verdicts
         cells = [cell for _, _, cell in self.cells()]
-        judged = sum(counts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
-        printed = self.published
+        printed, reproduced, better, worse, rest = self.counts
         said = [
-            f"{counts[Verdict.REPRODUCED]} of {printed} published numbers reproduced",
-            f"{counts[Verdict.BETTER] + counts[Verdict.WORSE]} not "
-            f"({counts[Verdict.BETTER]} better, {counts[Verdict.WORSE]} worse)",
-            f"{printed - judged} not judged",
+            f"{reproduced} of {printed} published numbers reproduced",
+            f"{better + worse} not ({better} better, {worse} worse)",
+            f"{rest} not judged",
         ]
         if self.study and printed:
-            said = [f"{counts[Verdict.REPRODUCED]} of {printed} candidates' numbers as published"]
+            said = [f"{reproduced} of {printed} candidates' numbers as published"]
         elif not printed:
             said = ["no published numbers"]
         said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")

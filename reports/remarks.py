@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from harness.record import Trial
+from harness.record import ABSENT, Trial
 from reports.design import DISTANCES, Layout, Metric
 from reports.grid import Grid
 from reports.model import Column, Note, Row
@@ -36,6 +36,9 @@ def remarks(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], 
 def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], answers: Grid) -> Iterator[Note]:
     if any(row.stand_in for row in rows):
         yield Note(STAND_IN, loud=True)
+    runs = [run.outcome for cells in answers.rows.values() for group in cells.values() for _, run in group if run]
+    for error in dict.fromkeys(outcome.error for outcome in runs if outcome.status == ABSENT):
+        yield Note(f"Absent: {one_line(error, 300)}.", loud=True)
     if len(answers.settings) > 1:
         yield Note(
             "The rows are not all measured under one setting; each names its own.",

@@ -48,13 +48,14 @@ class Blobs:
         Parameters
         ----------
         values : array
-            Finite.
+            NaN, where nothing is known, is the least number of int16.
         kind : {"int16", "uint8"}
             uint8 is for values from 0 on; either is spread over its whole range.
         """
-        top = float(np.abs(values).max(initial=0.0)) or 1.0
+        top = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         steps = {"int16": 32767, "uint8": 255}[kind]
-        packed = np.round(values / top * steps).astype(f"<{np.dtype(kind).str[1:]}")
+        filled = np.where(np.isnan(values), -(steps + 1) / steps * top, values)  # one step below: not known
+        packed = np.round(filled / top * steps).astype(f"<{np.dtype(kind).str[1:]}")
         name = hashlib.sha256(repr((packed.shape, top)).encode() + packed.tobytes()).hexdigest()[:12]
         self.held[name] = {
             "kind": kind,
@@ -100,7 +101,7 @@ def details(runs: Iterable[Tracked], fetch: Fetch, viewed: Iterable[str]) -> tup
         if arrays:
             entry["curves"] = {name: _points(*curve) for name, curve in thinned(arrays).items()}
             if "frame_e_3d" in arrays:
-                entry["frames"] = [_short(value) for value in arrays["frame_e_3d"]]
+                entry["frames"] = [_short(v) if np.isfinite(v) else None for v in arrays["frame_e_3d"]]
             if "affinity" in arrays:
                 entry["affinity"] = _affinity(arrays, blobs)
             if {"structure", "true_structure"} <= set(arrays):
@@ -155,7 +156,7 @@ def _view(arrays: Arrays, n_frames: int, blobs: Blobs) -> dict[str, Any]:
     shown = np.unique(np.linspace(0, points - 1, min(points, POINTS)).round().astype(int))
     view: dict[str, Any] = {"step": step, "total": n}
     for name, X in (("truth", truth), ("found", arrays.get("alignment", np.eye(3)) @ found)):
-        X = X - X.mean(axis=2, keepdims=True)
+        X = X - np.nanmean(X, axis=2, keepdims=True)
         view[name] = blobs.add(X[::step][:, :, shown], "int16")
     true_labels = arrays.get("true_labels")
     if "labels" in arrays:

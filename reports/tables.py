@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from harness.record import OK, UsageError
+from harness.record import ABSENT, OK, UsageError
 from reports.design import DISTANCES, MEANS, Layout, Method, Metric
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
 from reports.layouts import LABELS, layout
@@ -165,6 +165,8 @@ def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int |
         return replace(cell, reason="no published number")
     if setting.level:
         return replace(cell, reason="noise added; the published number is without")
+    if setting.gaps:
+        return replace(cell, reason="observations dropped; the published number is without")
     if metric.counts and (cell.wrong is None or not cell.points):
         return replace(cell, reason=f"{metric.counts} or n_points not logged")
     if published_points and cell.points and cell.points != published_points:
@@ -193,6 +195,8 @@ def _missing(run: Tracked | None, metric: Metric) -> str:
     if run is None:
         return "not run"
     outcome = run.outcome
+    if outcome.status == ABSENT:
+        return ABSENT
     if outcome.status != OK:
         error = one_line(outcome.error)
         return f"{outcome.status}: {error}" if error else outcome.status

@@ -22,7 +22,7 @@
     if (!unpacked.has(name)) {
       const { kind, shape, scale, data: text } = data.blobs[name];
       const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      const values = Float32Array.from(kind === "int16" ? new Int16Array(bytes.buffer) : bytes, (v) => v * scale);
+      const values = Float32Array.from(kind === "int16" ? new Int16Array(bytes.buffer) : bytes, (v) => (v === -32768 ? NaN : v * scale));
       unpacked.set(name, { shape, values });
     }
     return unpacked.get(name);
@@ -103,8 +103,9 @@
   function player(run) {
     const { view } = run, truth = array(view.truth), found = array(view.found);
     const [frames, , points] = truth.shape;
+    const known = (v) => (Number.isNaN(v) ? null : v);
     const at = ({ values }, frame, rows) =>
-      [0, 1, 2].map((axis) => rows.map((p) => (p < 0 ? null : values[(frame * 3 + axis) * points + p])));
+      [0, 1, 2].map((axis) => rows.map((p) => (p < 0 ? null : known(values[(frame * 3 + axis) * points + p]))));
     const every = Array.from({ length: points }, (_, p) => p);
     const labels = view.labels ?? every.map(() => 0), wrong = view.wrong ?? [];
     const bodies = [...new Set(labels)].sort((a, b) => a - b);
@@ -123,7 +124,7 @@
       return { type: "scatter3d", x, y, z, hovertemplate: "track %{text}<extra>%{fullData.name}</extra>", text: rows, ...trace };
     });
     const low = [0, 1, 2].map(() => Infinity), high = [0, 1, 2].map(() => -Infinity);
-    truth.values.forEach((v, i) => { const a = Math.floor(i / points) % 3; low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); });
+    truth.values.forEach((v, i) => { if (Number.isNaN(v)) return; const a = Math.floor(i / points) % 3; low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); });
     const pad = 0.08 * Math.max(...high.map((v, a) => v - low[a])), size = high.map((v, a) => v - low[a] + 2 * pad), most = Math.max(...size);
     const axis = (a) => ({ range: [low[a] - pad, high[a] + pad], title: { text: "xyz"[a] }, color: grey, gridcolor: colour("line"), showbackground: false, showspikes: false });
 

@@ -344,7 +344,7 @@ def test_scene_refuses_parts_that_do_not_fit(key: str) -> None:
 
 def test_scene_wants_finite_tracks_where_they_are_seen() -> None:
     W = np.zeros((4, 2, 5))
-    W[2, 0, 3] = np.nan
+    W[2, :, 3] = np.nan
     with pytest.raises(DatasetError, match="frame 2, point 3"):
         Scene("s", W)
     visible = np.ones((4, 5), dtype=bool)

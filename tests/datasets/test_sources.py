@@ -115,8 +115,8 @@ def test_catalogue_is_whole_and_pinned() -> None:
         assert path == file.path
         assert re.fullmatch(r"[0-9a-f]{64}", file.sha256)
         assert file.size > 0 and file.terms and file.source
-        assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/.+\.mat$", file.url)
-    assert Counter(f.group for f in sources.CATALOGUE.values()) == {"mocap": 9, "hopkins155": 155}
+        assert re.match(r"https://raw\.githubusercontent\.com/[^/]+/[^/]+/[0-9a-f]{40}/.+\.(mat|c3d)$", file.url)
+    assert Counter(f.group for f in sources.CATALOGUE.values()) == {"mocap": 9, "c3d": 1, "hopkins155": 155}
 
 
 def test_catalogue_holds_all_files_of_the_sequences() -> None:
@@ -150,8 +150,8 @@ def test_select_refuses_an_unknown_name() -> None:
 
 
 def test_a_new_group_needs_no_code(server: Server, tmp_path: Path) -> None:
-    more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.c3d", "c3d"))
-    [(file, error)] = sources.get(tmp_path, ["c3d"], catalogue=more)
+    more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.txt", "new"))
+    [(file, error)] = sources.get(tmp_path, ["new"], catalogue=more)
     assert error is None and (tmp_path / file.path).read_bytes() == CONTENT
 
 

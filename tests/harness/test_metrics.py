@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from importlib import resources
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,70 @@ def test_merged_and_split_clusters_count() -> None:
     truth = np.repeat([0, 1], [6, 4])
     assert metrics.n_wrong(np.zeros(10, int), truth) == 4
     assert metrics.n_wrong(np.arange(10), truth) == 8
+
+
+def test_unknown_truth_and_hidden_points_by_hand(small_scene: Scene, estimate: Reconstruction) -> None:
+    """NaN in the truth: the metrics of what is left. Hidden points count in e_3d, and by themselves beside it."""
+    assert small_scene.structure is not None and estimate.structure is not None
+    visible = np.ones((small_scene.n_frames, small_scene.n_points), dtype=bool)
+    visible[::3, 4], visible[:, 20] = False, np.arange(small_scene.n_frames) < 2
+    W = np.where(visible[:, None], small_scene.tracks, np.nan)
+    dropped = replace(small_scene, tracks=W, visible=visible)
+    found = metrics.evaluate(dropped, estimate, known_cameras=True)
+    whole = metrics.evaluate(small_scene, estimate, known_cameras=True)
+    different = {"reprojection", "e_3d_visible", "e_3d_hidden"}
+    assert {k: v for k, v in found.items() if k not in different} == {
+        k: v for k, v in whole.items() if k not in different
+    }
+    S, truth = (X - X.mean(axis=2, keepdims=True) for X in (estimate.structure, small_scene.structure))
+    for name, part in (("visible", visible), ("hidden", ~visible)):
+        errors = [
+            np.linalg.norm((S - truth)[f][:, part[f]]) / np.linalg.norm(truth[f][:, part[f]])
+            for f in range(len(S))
+            if part[f].any()
+        ]
+        assert found[f"e_3d_{name}"] == pytest.approx(np.mean(errors))
+    unknown = replace(dropped, structure=np.where(visible[:, None], small_scene.structure, np.nan))
+    found = metrics.evaluate(unknown, estimate, known_cameras=True)
+    assert "e_3d_hidden" not in found
+    errors, distances, spreads = [], [], []
+    for f in range(len(S)):
+        A, B = (X[f][:, visible[f]] for X in (estimate.structure, small_scene.structure))
+        A, B = (X - X.mean(axis=1, keepdims=True) for X in (A, B))
+        errors.append(np.linalg.norm(A - B) / np.linalg.norm(B))
+        distances += list(np.linalg.norm(A - B, axis=0))
+        spreads.append(B.std(axis=1))
+    assert found["e_3d"] == found["e_3d_visible"] == pytest.approx(np.mean(errors))
+    assert found["e_3d_dai"] == pytest.approx(np.mean(distances) / np.mean(spreads))
+    exact = replace(estimate, structure=small_scene.structure)
+    right = metrics.evaluate(unknown, exact, known_cameras=False)
+    errors_alone = {k: v for k, v in right.items() if k.startswith("e_3d") or k == "reprojection"}
+    assert len(errors_alone) > 8 and max(errors_alone.values()) < 1e-12
+
+
+def test_unequal_numbers_of_clusters_and_bodies(rng: np.random.Generator) -> None:
+    """The best one-to-one assignment by trying all; clusters without a body are wrong."""
+    for found, true in ((2, 4), (4, 2), (1, 3), (3, 1), (5, 3)):
+        estimate, truth = rng.integers(0, found, 30), rng.integers(0, true, 30)
+        estimate[:found], truth[:true] = range(found), range(true)
+        most = max(found, true)
+        right = max(int((np.array(names)[estimate] == truth).sum()) for names in permutations(range(most)))
+        assert metrics.n_wrong(estimate, truth) == 30 - right
+
+
+def test_counts(small_scene: Scene) -> None:
+    assert small_scene.labels is not None
+    A = (small_scene.labels[:, None] == small_scene.labels).astype(float)
+    right = Reconstruction(labels=1 - small_scene.labels, affinity=A)
+    assert metrics.count(small_scene, right) == {
+        "n_bodies_found": 2,
+        "miscounted": 0,
+        "eigengap": pytest.approx(1 + 1 / 14),
+    }
+    one = metrics.count(small_scene, replace(right, labels=np.zeros(30, dtype=int)))
+    assert (one["n_bodies_found"], one["miscounted"], round(one["eigengap"], 9)) == (1, 1, 0)
+    assert metrics.count(small_scene, Reconstruction()) == {}
+    assert "miscounted" not in metrics.count(replace(small_scene, labels=None), right)
 
 
 @pytest.fixture

@@ -258,7 +258,7 @@ def test_failed_trials_run_again_when_asked(shell: Shell, tmp_path: Path) -> Non
     assert first.returncode == 2
     assert "dance.mat is not there" in first.stderr
     again = shell(*words, "rerun=failed")
-    assert "1 trial: 1 run, 1 failed" in again.stdout
+    assert "1 trial: 1 run, 1 absent" in again.stdout
     assert len(tracked(tmp_path)) == 1
 
 

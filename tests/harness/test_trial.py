@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,14 @@ import scipy.io
 from omegaconf import OmegaConf
 
 from datasets.hopkins import SCENES
-from harness import storage
+from datasets.registry import load_scene
+from harness import storage, worker
 from harness.experiments import Settings, compose_config, compose_jobs, effective, expand
-from harness.record import Outcome, Trial, UsageError
+from harness.record import Outcome, Trial, UsageError, digest
 from harness.trial import entries, execute, identify, journal
+from methods.base import MethodError
+from methods.edsc import EDSC
+from methods.pipelines import ClusterTracks
 
 
 @pytest.fixture
@@ -92,7 +96,7 @@ def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> 
 def test_absent_sequence_is_a_row_that_says_how_to_get_it(settings: Settings) -> None:
     trial = expand(["dataset=dance_yoga", "method=edsc"])[0][0]
     outcome, _ = execute(trial, settings)
-    assert outcome.status == "failed"
+    assert outcome.status == "absent"
     assert "dance.mat is not there" in outcome.error
     assert "harness data get" in outcome.error
     assert "\n" not in outcome.error
@@ -193,12 +197,71 @@ def test_impossible_trials_are_rows_with_one_clear_line(settings: Settings, over
     assert not (settings.trials / outcome.key / storage.TRACEBACK).exists()
 
 
+def test_gaps_from_the_configuration_to_the_metrics(settings: Settings) -> None:
+    words = ["dataset.points=12", "dataset.frames=24", "method=bmm_ssc3d", "gaps=stretches", "gaps.share=0.2"]
+    known, estimated = (trial for trial, _ in expand([*words, "cameras=known,estimated"]))
+    for trial in (known, estimated):
+        assert trial.gaps == {"kind": "stretches", "share": 0.2, "length": 20} and "gaps=stretches 0.2" in trial.title
+        outcome, _ = execute(trial, settings)
+        assert outcome.status == "ok", outcome.error
+        assert {"e_3d", "e_3d_visible", "e_3d_hidden", "e_ms"} <= outcome.metrics.keys()
+        assert outcome.parameters["gaps"] == trial.gaps
+    with np.load(settings.trials / outcome.key / storage.ARRAYS) as arrays:
+        assert (~arrays["visible"]).mean() == pytest.approx(0.2, abs=0.01)
+        assert (np.isnan(arrays["tracks"]).any(axis=1) == ~arrays["visible"]).all()
+
+
+def test_gaps_of_nothing_are_no_setting() -> None:
+    """A trial without gaps is the same whichever way it says so, and the same as before there were any."""
+    plain, *others = (
+        expand(["method=edsc", *words])[0][0]
+        for words in ([], ["gaps=random", "gaps.share=0"], ["gaps.length=9"], ["gaps.share=0.3"])
+    )
+    assert {trial.setting for trial in others} == {plain.setting} and not plain.gaps
+    before = {name: value for name, value in asdict(plain).items() if name != "gaps"}
+    assert plain.setting == digest(before)
+
+
+def test_a_method_that_does_not_know_of_gaps(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["dataset.points=12", "dataset.frames=24", "method=edsc", "gaps=random"]
+    scene = load_scene(expand(words)[0][0].dataset, settings.data).with_gaps("random", 0.1)
+
+    class Old(ClusterTracks):
+        def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
+            return super().reconstruct(tracks, cameras, n_bodies)
+
+    assert worker._gaps(ClusterTracks(EDSC()), scene) == {"visible": scene.visible}
+    with pytest.raises(MethodError, match="Old cannot work with gaps"):
+        worker._gaps(Old(EDSC()), scene)
+    assert worker._gaps(Old(EDSC()), replace(scene, tracks=np.zeros(scene.tracks.shape), visible=None)) == {}
+
+
+@pytest.mark.parametrize("bodies", [["person", "face"], ["person"]])
+def test_a_method_counts_the_bodies_when_it_is_asked_to(settings: Settings, bodies: list[str]) -> None:
+    words = ["dataset.points=12", "dataset.frames=20", f"dataset.bodies=[{','.join(bodies)}]", "n_bodies=auto"]
+    for trial, _ in expand([*words, "method=edsc,bmm"]):
+        outcome, _ = execute(trial, settings)
+        assert outcome.status == "ok" and "n_bodies=auto" in trial.title
+        if trial.method["name"] == "bmm":
+            assert outcome.n_bodies is None and "n_bodies_found" not in outcome.metrics
+            continue
+        found = outcome.metrics["n_bodies_found"]
+        assert found == outcome.n_bodies and outcome.metrics["miscounted"] == (found != len(bodies))
+        assert outcome.metrics["eigengap"] >= 0
+        assert outcome.metrics["n_wrong"] >= 24 * (found != 2) / 3 if len(bodies) == 2 else found >= 1
+
+
 @pytest.mark.parametrize(
     "overrides",
     [
         ["noise.level=-1"],
         ["noise.repeat=0.5"],
+        ["gaps=random", "gaps.share=1"],
+        ["gaps=random", "gaps.share=some"],
+        ["gaps.kind=holes"],
         ["n_bodies=zero"],
+        ["n_bodies=0"],
+        ["n_bodies=true"],
         ["limits.seconds=0"],
         ["rerun=maybe"],
         ["nonsense=1"],

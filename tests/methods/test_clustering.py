@@ -10,7 +10,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from harness.metrics import n_wrong
 from methods.base import MethodError
 from methods.edsc import EDSC, dense_code
-from methods.spectral import _sparse_eigenvectors, spectral_clustering
+from methods.spectral import leading, spectral_clustering
 from methods.ssc import SSC, code_affinity, sparse_code
 
 
@@ -161,8 +161,9 @@ def test_sparse_eigenvectors_are_the_leading_ones(rng: np.random.Generator) -> N
     np.fill_diagonal(A, 0)
     root = 1 / np.sqrt(A.sum(axis=1))
     normalised = root[:, None] * A * root
-    U = _sparse_eigenvectors(sp.csr_array(A), 4)
+    values, U = leading(sp.csr_array(A), 4)
     np.testing.assert_allclose(U.T @ U, np.eye(4), atol=1e-10)
     top = np.linalg.eigvalsh(normalised)[-4:]
+    np.testing.assert_allclose(values, top, atol=1e-10)
     np.testing.assert_allclose(np.linalg.eigvalsh(U.T @ normalised @ U), top, atol=1e-10)
     assert np.abs(normalised @ U - U @ (U.T @ normalised @ U)).max() < 1e-8

@@ -29,6 +29,7 @@ WRONG = {
     "ours": (3, 0, 0, 0, 0, 8, 4, 11),
 }
 E_3D_DAI = (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195)
+METRICS = ("e_3d_dai", "e_3d", "e_3d_dai_cam", "e_r", "n_bodies_found", "eigengap")
 SCENE = {"placement": "paper", "motion": "registered", "scale": "sequence"}
 
 
@@ -57,7 +58,7 @@ def make_answer(dataset: str, method: str, n_wrong: int | None = 0, **more: Any)
     trial = make_trial(dataset, method, **asked)
     points = more.get("n_points", POINTS.get(dataset, 80))
     metrics = {} if n_wrong is None else {"n_wrong": float(n_wrong), "e_ms": n_wrong / points}
-    metrics |= {k: more[k] for k in ("e_3d_dai", "e_3d", "e_3d_dai_cam", "e_r") if k in more}
+    metrics |= {k: more[k] for k in METRICS if k in more}
     status = more.get("status", "ok")
     outcome = Outcome(
         key=trial.key("data", "1"),

@@ -11,6 +11,7 @@ from dataclasses import replace
 import pytest
 
 from datasets import hopkins
+from harness.experiments import expand
 from reports import published, writers
 from reports.design import E_MS, Layout, Method, Pool
 from reports.layouts import LAYOUTS, MEAN, MEDIAN
@@ -203,3 +204,20 @@ def test_hopkins_rows_hold_their_scenes() -> None:
 
 def test_recalled_numbers_are_said_to_be() -> None:
     assert "recalled from SSC's paper" in build("hopkins155", []).caption
+
+
+def test_count_tables_hold_their_scenes() -> None:
+    """Every scene that the experiment asks for counts in one row, and every scene of a row is asked for."""
+    for name, scenes in (("count_bodies", 18), ("count_hopkins155", 155)):
+        words = [f"+experiment={name}", "method=edsc", "noise.level=0"]
+        asked = {trial.dataset["name"] for trial, _ in expand(words)}
+        pools = [LAYOUTS[name].pools[row] for row in LAYOUTS[name].pools if row != "all"]
+        assert asked == {dataset for pool in pools for dataset in pool.datasets} and len(asked) == scenes
+
+
+def test_parts_tell_what_was_found(answer):
+    more = {"n_bodies": "auto", "n_points": 10}
+    table = build("count_bodies", [answer("dance_yoga", "ours", 3, **more, n_bodies_found=4.0, eigengap=0.5)])
+    assert table.parts is not None
+    assert [cell.measured for _, _, cell in table.parts.cells()] == [4.0, 0.5, 0.3]
+    assert table.rows[0].setting.bodies == "auto" and from_json(writers.json_text(table)) == table

@@ -252,6 +252,18 @@ class TestReasons:
         assert (found.measured, found.reason) == (None, reason)
         assert len(found.runs) == 1
 
+    def test_absent_data(self, answer):
+        """A row without its data says so, and a note how to get them."""
+        how = "umpm/p2_free_2.c3d is not there; ask for a login"
+        answers = [answer("p2_free_2", method, status="absent", error=how) for method in ("ours", "bmm_ssc3d")]
+        table = build("table3", answers)
+        assert {c.reason for row, _, c in table.cells() if row.dataset == "p2_free_2"} >= {"absent"}
+        takes = ["p2_free_2", "p3_ball_1", "p4_grab_2", "p4_table_12", "p4_meet_12"]
+        assert [row.dataset for row in table.rows] == takes
+        assert [text for text in table.loud if "login" in text] == [f"Absent: {how}."]
+        assert cell(table, "p2_free_2", "ours", "e_3d").published == "0.1992"
+        assert not any(c.measured for _, _, c in table.cells())
+
     def test_long_errors_are_cut(self, answer):
         table = build("table1", [answer("dance_yoga", "ours", status="failed", error="x" * 9000)])
         assert len(cell(table, "dance_yoga", "ours").reason) < 200
