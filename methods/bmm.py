@@ -25,9 +25,26 @@ from methods.proximal import singular_value_threshold
 
 @dataclass(frozen=True)
 class ShapeFit:
-    """Solution of the shape step: (F, 3, P) structure, nuclear norm, relative change at the end, iterations."""
+    """Solution of the shape step, and where its ADMM stands.
+
+    Parameters
+    ----------
+    structure, shape : (F, 3, P) array
+        S and its copy S# of lower rank.
+    multiplier : (F, 3, P) array
+        Of g(S) = S#, at weight 1 of the nuclear norm.
+    penalty : float
+        b, at weight 1 of the nuclear norm.
+    nuclear_norm : float
+    residual : float
+        Relative, at the end.
+    iterations : int
+    """
 
     structure: Array
+    shape: Array
+    multiplier: Array
+    penalty: float
     nuclear_norm: float
     residual: float
     iterations: int
@@ -143,7 +160,7 @@ def fit_shape(
             factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
             b *= factor
             Y /= factor
-    return ShapeFit(S, norm, residual, iteration)
+    return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
 
 
 def cut_rank(structure: Array, rank: int) -> Array:

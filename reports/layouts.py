@@ -63,9 +63,9 @@ FIXED = (
     "with the fixed camera given, depth is not determined."
 )
 
-ROUGH = (
-    "Ours stands twice, too. As printed, S = S C binds whole trajectories. By default the code reads the motion faster "
-    "than method.period frames, with slack in place of S = S C; that is what separates all eight pairs."
+ADAPTIVE = (
+    "Ours stands twice, too. As printed, S = S C binds whole trajectories with constant weights. By default the code "
+    "reads whitened motion, with slack in place of S = S C and weights that follow the noise that the tracks show."
 )
 
 
@@ -106,7 +106,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             source="table1",
             points="table1",
             joiner="+",
-            notes=(SHARE, ROUGH),
+            notes=(SHARE, ADAPTIVE),
         ),
         "table2": Layout(
             title="Table 2",
@@ -123,7 +123,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             source="table2",
             points="table1",
             joiner=" + ",
-            notes=(SHARE, ROUGH),
+            notes=(SHARE, ADAPTIVE),
         ),
         "table4": Layout(
             title="Table 4",
