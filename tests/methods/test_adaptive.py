@@ -163,7 +163,7 @@ def test_noise_is_taken_out_of_the_images() -> None:
     noisy = add_noise(scene.tracks, 0.02, 0, "denoised")
     found = AdaptiveMultiBody(max_iter=30).reconstruct(noisy, scene.cameras, 2)
     left = np.linalg.norm(scene.cameras @ found.structure - scene.tracks)
-    assert left < 0.6 * np.linalg.norm(noisy - scene.tracks)
+    assert left < 0.75 * np.linalg.norm(noisy - scene.tracks)
 
 
 @pytest.mark.parametrize("diagonal", ["threshold", "exact"])
