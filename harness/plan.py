@@ -14,11 +14,11 @@ from datasets.body import DatasetError
 from datasets.registry import load_scene
 from harness.arguments import Parser
 from harness.experiments import Settings, expand
-from harness.memory import foreseen_gb, refusal
-from harness.record import OK, Outcome, Trial
+from harness.memory import Size, foreseen_gb, refusal
+from harness.record import OK, Outcome, Trial, digest
 from harness.storage import read_record
 from harness.trial import identify
-from methods.base import Method, MethodError
+from methods.base import Method
 from methods.registry import build_method
 
 
@@ -51,26 +51,32 @@ def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
         If the overrides cannot be composed.
     """
     trials = expand(overrides)
-    planned = []
+    planned: list[Planned] = []
+    sizes: dict[str, Size | str] = {}
     for trial, settings in trials:
         key, reason = identify(trial, settings)
         outcome, need, why = read_record(settings.trials / key), None, str(reason or "")
         if outcome is None and not why:
-            need, why = _memory(trial, settings)
+            need, why = _memory(trial, settings, sizes)
         planned.append(Planned(trial, key, why, outcome, need))
     return planned, trials[0][1]
 
 
-def _memory(trial: Trial, settings: Settings) -> tuple[float | None, str]:
-    """The memory in GB that a trial is going to take, and why it does not fit; the scene is made for that."""
+def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> tuple[float | None, str]:
+    """The memory in GB that a trial is going to take, and why it does not fit; each scene is made once for that."""
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     if type(method).memory is Method.memory:
         return None, ""
-    try:
-        scene = load_scene(trial.dataset, settings.data, settings.missing == "stand_in")
-        return foreseen_gb(method, scene), refusal(method, scene, settings.memory_gb)
-    except (DatasetError, MethodError) as error:
-        return None, str(error)
+    scene = digest(trial.dataset)
+    if scene not in sizes:
+        try:
+            sizes[scene] = Size.of(load_scene(trial.dataset, settings.data, settings.missing == "stand_in"))
+        except DatasetError as error:
+            sizes[scene] = str(error)
+    size = sizes[scene]
+    if isinstance(size, str):
+        return None, size
+    return foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
 
 
 def main(argv: Sequence[str]) -> int:

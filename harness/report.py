@@ -13,7 +13,7 @@ from harness.arguments import Parser
 from harness.record import ABSENT, OK, UsageError
 from harness.storage import ARRAYS, unpack, write_atomically
 from reports.tables import Answer, Table, build
-from reports.writers import FORMATS, console, glance
+from reports.writers import FORMATS, console, glance, tally
 
 
 def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
@@ -111,8 +111,14 @@ def draw_scaling(asked: Sequence[Answer], trials: Path, folder: Path) -> list[Pa
     return [folder / "scaling.png"]
 
 
+TALLY = "tally"
+
+
 def renew(path: Path, built: Sequence[Table]) -> None:
     """Write each table at a glance into a document, between ``<!-- NAME -->`` and ``<!-- end NAME -->``.
+
+    Between the marks of ``tally`` stands how many published numbers each of the tables reproduces; a document that
+    has them need not hold the tables.
 
     Raises
     ------
@@ -120,12 +126,16 @@ def renew(path: Path, built: Sequence[Table]) -> None:
         If the document lacks a table's marks.
     """
     text = path.read_text(encoding="utf-8")
-    for table in built:
-        start, end = f"<!-- {table.name} -->\n", f"<!-- end {table.name} -->"
+    parts = {table.name: f"{table.summary}\n\n{glance(table)}" for table in built}
+    if f"<!-- {TALLY} -->" in text:
+        parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text}
+        parts[TALLY] = tally(built)
+    for name, part in parts.items():
+        start, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
         if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
             raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
         head, _, rest = text.partition(start)
-        text = f"{head}{start}{table.summary}\n\n{glance(table)}{end}{rest.partition(end)[2]}"
+        text = f"{head}{start}{part}{end}{rest.partition(end)[2]}"
     write_atomically(path, lambda handle: handle.write(text.encode()))
 
 

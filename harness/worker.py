@@ -18,7 +18,7 @@ from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import peak_mb
-from harness.memory import refusal
+from harness.memory import Size, refusal
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
@@ -82,7 +82,7 @@ def compute(
     if trial.gaps:
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    if why := refusal(method, scene, memory_gb):
+    if why := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(why)
     known = trial.cameras["source"] == "known"
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS

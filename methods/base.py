@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -19,6 +19,9 @@ Mask = NDArray[np.bool_]
 #: Called during long work with (iteration, iterations, residuals by name).
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
+
+#: Ways to keep diag(C) = 0, see :class:`methods.multibody.MultiBody`.
+DIAGONALS = ("threshold", "exact", "paper")
 
 #: Takes the place of cameras where a method uses none.
 NO_CAMERAS: Array = np.empty((0, 2, 3))
@@ -153,6 +156,12 @@ def check_setting(owner: object, name: str, low: float, *, strict: bool = True, 
     if not fits or value < low or (strict and value == low):
         wanted = f"a {'whole ' if whole else ''}number {'>' if strict else '>='} {low:g}"
         raise MethodError(f"{type(owner).__name__}: {name} is {value!r}, wanted {wanted}")
+
+
+def check_word(owner: object, name: str, words: Sequence[str]) -> None:
+    """Raise MethodError unless a hyper-parameter is one of some words."""
+    if getattr(owner, name) not in words:
+        raise MethodError(f"method.{name} is {getattr(owner, name)!r}, wanted one of {', '.join(words)}")
 
 
 def check_tracks(tracks: Array) -> None:

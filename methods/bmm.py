@@ -21,15 +21,32 @@ from methods.base import (
     check_setting,
     standardise,
 )
-from methods.gaps import misfit
+from methods.gaps import fill, misfit
 from methods.proximal import singular_value_threshold
 
 
 @dataclass(frozen=True)
 class ShapeFit:
-    """Solution of the shape step: (F, 3, P) structure, nuclear norm, relative change at the end, iterations."""
+    """Solution of the shape step, and where its ADMM stands.
+
+    Parameters
+    ----------
+    structure, shape : (F, 3, P) array
+        S and its copy S# of lower rank.
+    multiplier : (F, 3, P) array
+        Of g(S) = S#, at weight 1 of the nuclear norm.
+    penalty : float
+        b, at weight 1 of the nuclear norm.
+    nuclear_norm : float
+    residual : float
+        Relative, at the end.
+    iterations : int
+    """
 
     structure: Array
+    shape: Array
+    multiplier: Array
+    penalty: float
     nuclear_norm: float
     residual: float
     iterations: int
@@ -78,6 +95,10 @@ class BMM(Method):
         fit = fit_shape(data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Ten arrays of 3F x P, as measured. See :meth:`methods.base.Method.memory`."""
+        return 8.0 * 10 * 3 * n_frames * n_points
 
 
 def fit_shape(
@@ -151,7 +172,18 @@ def fit_shape(
             factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
             b *= factor
             Y /= factor
-    return ShapeFit(S, norm, residual, iteration)
+    return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
+
+
+def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None) -> Array:
+    """Tracks whose gaps hold what the structure of least nuclear norm shows there (R S = W where visible), centred.
+
+    Tracks without gaps, ``visible`` None, stay as they are.
+    """
+    if visible is None:
+        return tracks
+    data = standardise(tracks, visible)
+    return data.scale * fill(data.W, cameras @ fit_shape(data.W, cameras, 0.0, visible).structure, visible)
 
 
 def cut_rank(structure: Array, rank: int) -> Array:

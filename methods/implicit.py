@@ -36,7 +36,7 @@ from methods.spatial import Neighbours
 
 ENTRIES = 400  # of E, a track; see implicit_bytes
 BLOCK_BYTES = 4 << 20  # of Z at a time: as much as stays in the cache
-GAP_ROWS = 2000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
+GAP_ROWS = 1000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
 
 
 @dataclass
@@ -153,7 +153,7 @@ class ImplicitProblem(Problem):
             Z = _rows(C.V, C.M, seen, at, self.neighbours)
             if self.neighbours is not None:
                 Z = self.neighbours.differences(Z)
-                _subtract(Z, unseen[at])
+                _add(Z, unseen, at, -1)
             Z[np.arange(len(Z)), np.arange(at.start, at.stop)] = 0
             return _soft_sparse(Z, threshold)
 
@@ -232,7 +232,7 @@ class ImplicitProblem(Problem):
             rows = state.C.rows(at)
             if self.neighbours is not None:
                 rows = self.neighbours.differences(rows)
-            _subtract(rows, state.E[at])
+            _add(rows, state.E, at, -1)
             return float(max(rows.max(), -rows.min()))
 
         return max(self._map(block, state.E.shape[1]))
@@ -286,14 +286,15 @@ def blas_threads() -> int:
 def _rows(L: Array, R: Array, A: sp.csr_array, at: slice, neighbours: Neighbours | None) -> Array:
     """Rows of (L'R + A) G^-1, (m, P)."""
     block = L[:, at].T @ R
-    _subtract(block, -A[at])
+    _add(block, A, at)
     return block if neighbours is None else neighbours.solve(block.T).T
 
 
-def _subtract(block: Array, sparse: sp.csr_array) -> None:
-    """block -= sparse."""
-    row = np.repeat(np.arange(sparse.shape[0]), np.diff(sparse.indptr))
-    block[row, sparse.indices] -= sparse.data
+def _add(block: Array, A: sp.csr_array, at: slice, sign: int = 1) -> None:
+    """block += sign A[at], without a matrix of those rows."""
+    for row, place in zip(block, range(at.start, at.stop, at.step or 1), strict=True):
+        entries = slice(A.indptr[place], A.indptr[place + 1])
+        row[A.indices[entries]] += sign * A.data[entries]
 
 
 def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:

@@ -6,21 +6,27 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
 from __future__ import annotations
 
 import copy
+import time
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from methods.backend import (
     absolute_sum,
     cholesky_solve,
     gram,
     identity,
+    largest,
     namespace,
     shifted_cholesky,
     without_diagonal,
     zeros,
 )
-from methods.base import Array
+from methods.base import Array, Mask, Progress
 from methods.cameras import axes
+from methods.gaps import fill
 from methods.proximal import singular_value_threshold, soft
 
 #: (P, P): an array, or what :mod:`methods.implicit` keeps in its place.
@@ -190,9 +196,54 @@ class Problem:
         xp, (F, _, P) = namespace(state.S), state.S.shape
         flat = xp.reshape(state.shape, (F, 3 * P))
         value = self.objective(replace(state, nuclear_norm=float(xp.sum(xp.linalg.svdvals(flat)))))
-        for Y, gap in zip((state.Y1, state.Y2, state.Y3, state.Y4), self.gaps(state).values(), strict=True):
-            value += float(xp.sum(Y * gap)) + state.b / 2 * float(xp.sum(gap**2))
+        gaps = self.gaps(state)
+        for Y, name, b in self.penalties(state):
+            value += float(xp.sum(Y * gaps[name])) + b / 2 * float(xp.sum(gaps[name] ** 2))
         return value
+
+    def penalties(self, state: State) -> tuple[tuple[Array, str, float], ...]:
+        """Multiplier, the name of its gap and its penalty, of each constraint."""
+        Y = (state.Y1, state.Y2, state.Y3, state.Y4)
+        return tuple((y, name, state.b) for y, name in zip(Y, RESIDUALS, strict=True))
+
+
+def minimise(
+    problem: Problem,
+    state: State,
+    max_iter: int,
+    tol: float,
+    *,
+    growth: float = 1.0,
+    max_penalty: float = float("inf"),
+    visible: Mask | None = None,
+    progress: Progress | None = None,
+) -> tuple[State, dict[str, Array]]:
+    """Algorithm 1: iterate until all gaps' infinity norms are below ``tol``; b grows after each iteration.
+
+    Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
+    R S + t 1' that minimise the objective (:func:`methods.gaps.fill`). At the end of it all their residual is zero, so
+    that the data term is that of the visible tracks.
+
+    Returns the last state and curves by iteration: the objective, the gaps' norms, CPU seconds and operations.
+    """
+    history: dict[str, list[float]] = defaultdict(list)
+    for iteration in range(1, max_iter + 1):
+        start = time.process_time()
+        state, gaps = problem.iterate(state)
+        if visible is not None:
+            problem = problem.at(fill(problem.W, problem.cameras @ state.S, visible))
+        history["seconds"].append(time.process_time() - start)
+        history["operations"].append(problem.operations(state))
+        residuals = {name: largest(gap) for name, gap in gaps.items()}
+        history["objective"].append(problem.objective(state))
+        for name, value in residuals.items():
+            history[name].append(value)
+        if progress is not None:
+            progress(iteration, max_iter, residuals)
+        if max(residuals.values()) < tol:
+            break
+        state = replace(state, b=min(max_penalty, growth * state.b))
+    return state, {name: np.array(values) for name, values in history.items()}
 
 
 def times(X: Array, M: Array) -> Array:

@@ -71,6 +71,10 @@ class ClusterTracks(Method):
         labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points)
+
 
 class ReconstructThenCluster(Method):
     """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
@@ -106,6 +110,10 @@ class ReconstructThenCluster(Method):
         structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
 
 
 class ClusterThenReconstruct(Method):
@@ -160,6 +168,10 @@ class ClusterThenReconstruct(Method):
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """See :meth:`methods.base.Method.memory`."""
+        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
+
 
 def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
@@ -175,6 +187,11 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None)
     except ValueError as error:
         raise MethodError(f"{type(clusterer).__name__}: {error}") from error
     return fitted.labels_, fitted.affinity_matrix_
+
+
+def clusterer_bytes(n_points: int) -> float:
+    """Bytes that SSC and EDSC take at their peak: eleven P x P arrays, as measured."""
+    return 8.0 * 11 * n_points**2
 
 
 def principal(trajectories: Array, dimension: int) -> Array:

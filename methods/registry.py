@@ -12,6 +12,7 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
+from methods.adaptive import AdaptiveMultiBody
 from methods.base import Method, MethodError
 from methods.bmm import BMM
 from methods.edsc import EDSC
@@ -20,7 +21,8 @@ from methods.pipelines import ClusterThenReconstruct, ClusterTracks, Reconstruct
 from methods.ssc import SSC
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
-    "ours": MultiBody,
+    "ours": AdaptiveMultiBody,
+    "ours_printed": MultiBody,
     "bmm": BMM,
     "ssc": SSC,
     "edsc": EDSC,

@@ -67,7 +67,7 @@ class Neighbours:
 
     def solve(self, B: Array) -> Array:
         """X of G X = B for (P, m) columns, by the sparse factors of G."""
-        return self._factor.solve(np.ascontiguousarray(B))
+        return self._factor.solve(np.asfortranarray(B))
 
     def solve_shifted(self, B: Array, shifts: Array, tol: float = 1e-14) -> Array:
         """X with X_i (G + k_i I) = B_i for each of the (m, P) rows, by conjugate gradients.

@@ -53,6 +53,8 @@ def spectral_clustering(
         raise MethodError("the affinity holds NaN or infinite values: the code it comes from diverged")
     if n_clusters is None:
         n_clusters = count_clusters(affinity)[0]
+    if n_clusters == 1:
+        return np.zeros(affinity.shape[0], dtype=np.int64)
     rows = embedding(affinity, n_clusters)
     return KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
 

@@ -85,9 +85,9 @@ FIXED = (
     "with the fixed camera given, depth is not determined."
 )
 
-ROUGH = (
-    "Ours stands twice, too. As printed, S = S C binds whole trajectories. By default the code reads the motion faster "
-    "than method.period frames, with slack in place of S = S C; that is what separates all eight pairs."
+ADAPTIVE = (
+    "Ours stands twice, too. As printed, S = S C binds whole trajectories with constant weights. By default the code "
+    "reads whitened motion, with slack in place of S = S C and weights that follow the noise that the tracks show."
 )
 
 ROOM = (
@@ -138,7 +138,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             source="table1",
             points="table1",
             joiner="+",
-            notes=(SHARE, ROUGH),
+            notes=(SHARE, ADAPTIVE),
         ),
         "table2": Layout(
             title="Table 2",
@@ -155,7 +155,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             source="table2",
             points="table1",
             joiner=" + ",
-            notes=(SHARE, ROUGH),
+            notes=(SHARE, ADAPTIVE),
         ),
         "table3": Layout(
             title="Table 3",
@@ -170,7 +170,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
                 Method("ours_printed"),
             ),
             source="table3",
-            notes=(SHARE, ROUGH, ROOM),
+            notes=(SHARE, ADAPTIVE, ROOM),
         ),
         "two_person": Layout(
             title="Two dancers",
@@ -185,7 +185,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
                 Method("ours"),
                 Method("ours_printed"),
             ),
-            notes=(SHARE, ROUGH, ROOM),
+            notes=(SHARE, ADAPTIVE, ROOM),
         ),
         "table4": Layout(
             title="Table 4",
@@ -287,7 +287,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             metrics=(MEAN_3D, MEAN_HIDDEN, MEAN_TRACKS),
             pools={"pairs": BODIES["pairs"]},
             parts=Layout("Pair by pair", "", metrics=(E_3D, replace(MEAN_HIDDEN, pool=""), E_MS)),
-            notes=(HIDDEN, ROUGH),
+            notes=(HIDDEN, ADAPTIVE),
         ),
         "count_bodies": Layout(
             title="How many bodies",
@@ -297,7 +297,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             metrics=(MISCOUNTED, MEAN_TRACKS),
             pools=BODIES,
             parts=Layout("Scene by scene", "", metrics=(FOUND, EIGENGAP, E_MS)),
-            notes=(EIGENGAPS, SHARE, ROUGH),
+            notes=(EIGENGAPS, SHARE, ADAPTIVE),
         ),
         "count_hopkins155": Layout(
             title="How many motions",

@@ -252,20 +252,25 @@ class Table:
         return Counter(cell.verdict for _, _, cell in self.cells())
 
     @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """Published numbers: all, reproduced, better, worse, not judged."""
+        verdicts = self.verdicts
+        printed = sum(cell.published is not None for _, _, cell in self.cells())
+        judged = tuple(verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        return (printed, *judged, printed - sum(judged))  # type: ignore[return-value]
+
+    @property
     def summary(self) -> str:
         """One line: how many of the published numbers were reproduced, and what became of the others."""
-        counts = self.verdicts
         cells = [cell for _, _, cell in self.cells()]
-        judged = sum(counts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
-        printed = sum(cell.published is not None for cell in cells)
+        printed, reproduced, better, worse, rest = self.counts
         said = [
-            f"{counts[Verdict.REPRODUCED]} of {printed} published numbers reproduced",
-            f"{counts[Verdict.BETTER] + counts[Verdict.WORSE]} not "
-            f"({counts[Verdict.BETTER]} better, {counts[Verdict.WORSE]} worse)",
-            f"{printed - judged} not judged",
+            f"{reproduced} of {printed} published numbers reproduced",
+            f"{better + worse} not ({better} better, {worse} worse)",
+            f"{rest} not judged",
         ]
         if self.study and printed:
-            said = [f"{counts[Verdict.REPRODUCED]} of {printed} candidates' numbers as published"]
+            said = [f"{reproduced} of {printed} candidates' numbers as published"]
         elif not printed:
             said = ["no published numbers"]
         said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -43,6 +43,11 @@ def markdown(table: Table) -> str:
 def glance(table: Table) -> str:
     """The table at a glance alone, in GitHub Markdown: for a README."""
     return _render(_MARKDOWN, "glance.md.j2", table)
+
+
+def tally(tables: Sequence[Table]) -> str:
+    """How many published numbers each table reproduces, in GitHub Markdown; studies claim nothing and are left out."""
+    return _MARKDOWN.get_template("tally.md.j2").render(tables=[table for table in tables if not table.study])
 
 
 def tex_paper(table: Table) -> str:

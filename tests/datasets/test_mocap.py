@@ -18,6 +18,7 @@ from datasets.mocap import (
     MOTIONS,
     SEQUENCES,
     SHARK_CAMERAS,
+    Recording,
     files,
     load_body,
     load_recording,
@@ -418,3 +419,21 @@ def test_bones_join_points_that_keep_their_distance(data_folder: Path, name: str
     far = np.random.default_rng(0).permutation(body.n_points)
     apart = np.linalg.norm(body.structure - body.structure[:, :, far], axis=1)
     assert np.median(length.std(axis=0)) < 0.5 * np.median(apart.std(axis=0))
+
+
+def test_sequences_that_are_turned_upright_are_known_ones(tmp_path: Path) -> None:
+    """One list serves scenes with and without the body; a name that no sequence has is an error."""
+    made = {"turn_upright": ["walking", "face"], "missing": _lying}
+    upright, stored = (
+        load_scene(tmp_path, ["yoga", "walking"], **{**made, **more}) for more in ({}, {"turn_upright": False})
+    )
+    same = load_scene(tmp_path, ["yoga", "walking"], missing=_lying, turn_upright=["walking"])
+    np.testing.assert_array_equal(upright.tracks, same.tracks)
+    assert np.abs(upright.tracks - stored.tracks).max() > 0.1
+    with pytest.raises(DatasetError, match=r"dataset\.upright names 'walker'"):
+        load_scene(tmp_path, ["yoga", "walking"], missing=_lying, turn_upright=["walker"])
+
+
+def _lying(name: str, source: Recording) -> Body:
+    S = np.random.default_rng(0).standard_normal((20, 3, 10)) * np.array([1, 2, 0.5])[:, None]
+    return Body(name, S, vertical=source.vertical)

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from sklearn.base import clone
 
 from datasets.scene import Scene
+from methods.adaptive import AdaptiveMultiBody
 from methods.base import Array, MethodError
 from methods.bmm import BMM
 from methods.edsc import EDSC
@@ -71,8 +72,8 @@ METHODS = [
     ClusterTracks(EDSC()),
     ReconstructThenCluster(BMM(max_iter=50), SSC()),
     ClusterThenReconstruct(SSC(), BMM(max_iter=50)),
+    AdaptiveMultiBody(max_iter=30),
     MultiBody(max_iter=30),
-    MultiBody(max_iter=30, period=None, l2=0.1, penalty=1e-3, growth=1.1),
 ]
 
 

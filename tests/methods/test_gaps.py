@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from sklearn.base import clone
 
 from datasets.scene import Scene
-from methods.base import Array, Mask, MethodError, standardise
+from methods.adaptive import AdaptiveMultiBody
+from methods.base import Array, Mask, Method, MethodError, standardise
 from methods.bmm import BMM, fit_shape
 from methods.edsc import EDSC
 from methods.gaps import complete, fill, misfit
@@ -17,7 +16,6 @@ from methods.multibody import MultiBody
 from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from methods.ssc import SSC
 
-PRINTED: dict[str, Any] = {"period": None, "l2": 0.1, "penalty": 1e-3, "growth": 1.1}
 METHODS = [
     BMM(max_iter=60),
     BMM(l2=0.1, max_iter=60),
@@ -25,8 +23,8 @@ METHODS = [
     ClusterTracks(EDSC(), standardise=False, projection=4),
     ReconstructThenCluster(BMM(max_iter=60), SSC()),
     ClusterThenReconstruct(SSC(), BMM(max_iter=60)),
+    AdaptiveMultiBody(max_iter=20),
     MultiBody(max_iter=20),
-    MultiBody(max_iter=20, **PRINTED),
 ]
 NAMES = ["bmm", "bmm weighted", "ssc2d", "edsc", "bmm_ssc3d", "ssc2d_bmm", "ours", "ours_printed"]
 
@@ -108,7 +106,7 @@ def test_shape_with_gaps_is_feasible_and_of_least_nuclear_norm(small_scene: Scen
 def test_a_mask_that_hides_nothing_changes_nothing(small_scene: Scene, l2: float) -> None:
     assert small_scene.cameras is not None
     everything = np.ones((small_scene.n_frames, small_scene.n_points), dtype=bool)
-    for method in (BMM(l2=l2, max_iter=40), MultiBody(max_iter=15), MultiBody(max_iter=15, **PRINTED)):
+    for method in (BMM(l2=l2, max_iter=40), AdaptiveMultiBody(max_iter=15), MultiBody(max_iter=15)):
         whole = method.reconstruct(small_scene.tracks, small_scene.cameras, 2)
         masked = method.reconstruct(small_scene.tracks, small_scene.cameras, 2, visible=everything)
         assert whole.structure is not None and masked.structure is not None
@@ -116,7 +114,7 @@ def test_a_mask_that_hides_nothing_changes_nothing(small_scene: Scene, l2: float
 
 
 @pytest.mark.parametrize("method", METHODS, ids=NAMES)
-def test_what_is_hidden_plays_no_part(small_scene: Scene, visible: Mask, method: Any) -> None:
+def test_what_is_hidden_plays_no_part(small_scene: Scene, visible: Mask, method: Method) -> None:
     """NaN, zero or a huge number behind the mask: the same result. Without a mask NaN is refused, never read."""
     assert small_scene.cameras is not None
     W, R = small_scene.tracks, small_scene.cameras
@@ -133,8 +131,8 @@ def test_what_is_hidden_plays_no_part(small_scene: Scene, visible: Mask, method:
         clone(method).reconstruct(hidden(W, visible), R, 2)
 
 
-@pytest.mark.parametrize("method", [BMM(tol=1e-6), MultiBody(max_iter=100, **PRINTED)], ids=["bmm", "ours_printed"])
-def test_hidden_points_are_reconstructed(small_scene: Scene, visible: Mask, method: Any) -> None:
+@pytest.mark.parametrize("method", [BMM(tol=1e-6), MultiBody(max_iter=100)], ids=["bmm", "ours_printed"])
+def test_hidden_points_are_reconstructed(small_scene: Scene, visible: Mask, method: Method) -> None:
     """Their error is of the order of what the same method has without gaps, and far below that of knowing nothing."""
     assert small_scene.cameras is not None and small_scene.structure is not None
     W, R, truth = small_scene.tracks, small_scene.cameras, small_scene.structure

@@ -182,3 +182,10 @@ def test_every_algorithm_round_trips_its_parameters() -> None:
         model = kind(**needed)
         again = build({"algorithm": name, **model.get_params(deep=False)})
         assert again.get_params().keys() == model.get_params().keys()
+
+
+@pytest.mark.parametrize("name", ["tracks", "3d", "2d"])
+def test_memory_grows_with_the_square_of_the_tracks(pipelines: dict, name: str) -> None:
+    few, many = (pipelines[name].memory(99, n) for n in (1000, 10_000))
+    assert 70 * few < many <= 100 * few
+    assert pipelines[name].memory(10, 28_880) > 60 * 2**30

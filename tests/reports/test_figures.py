@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from datasets.scene import Scene
 from harness.record import Outcome, UsageError
 from harness.report import renew
 from reports.figures import COLOURS, _binned, _matched, overview, save
+from reports.model import Verdict
 from reports.tables import build
 
 
@@ -106,3 +108,14 @@ def test_tables_are_renewed_between_their_marks(tmp_path: Path) -> None:
     path.write_text("no marks")
     with pytest.raises(UsageError, match="table1"):
         renew(path, [table])
+
+
+def test_the_tally_counts_what_was_reproduced(tmp_path: Path, table1_answers: list[Any]) -> None:
+    table, study = build("table1", table1_answers), build("rank_study", [])
+    path = tmp_path / "page.md"
+    path.write_text("<!-- tally -->\n<!-- end tally -->\n<!-- rank_study -->\n<!-- end rank_study -->\n")
+    renew(path, [table, study])
+    text = path.read_text()
+    reproduced, better, worse = (table.verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+    assert f"| Table 1 | 24 | {reproduced} | {better} | {worse} | {24 - reproduced - better - worse} |" in text
+    assert "| Table 2 by the rank of the shape |" not in text and "Dance + Yoga" in text
