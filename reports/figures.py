@@ -81,11 +81,16 @@ def _title(outcome: Outcome) -> str:
     return ", ".join(words)
 
 
+def _area(points: NDArray[Any]) -> float:
+    """How much smaller the markers of many points are, so that they do not cover each other."""
+    return min(1.0, 250 / points.shape[-1])
+
+
 def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
     """The image of one frame, with the way each point came over the last frames."""
     tail = tracks[max(0, frame - 12) : frame + 1].transpose(2, 0, 1)
-    axes.add_collection(LineCollection(list(tail), colors=GREY, linewidths=0.7))
-    axes.scatter(tracks[frame, 0], tracks[frame, 1], s=9, color="black", zorder=2)
+    axes.add_collection(LineCollection(list(tail), colors=GREY, linewidths=0.7 * _area(tracks)))
+    axes.scatter(tracks[frame, 0], tracks[frame, 1], s=9 * _area(tracks), color="black", zorder=2)
     axes.set(title="tracks in the image", xlabel="x", ylabel="y", aspect="equal")
     axes.autoscale()
 
@@ -94,13 +99,16 @@ def _structure(
     axes: Any, arrays: Mapping[str, NDArray[Any]], frame: int, labels: NDArray[Any] | None, truth: NDArray[Any] | None
 ) -> None:
     X = arrays.get("alignment", np.eye(3)) @ arrays["structure"][frame]
+    area = _area(X)
     if "true_structure" in arrays:
-        axes.scatter(*arrays["true_structure"][frame], s=34, facecolors="none", edgecolors=GREY, linewidths=0.7)
+        axes.scatter(
+            *arrays["true_structure"][frame], s=34 * area, facecolors="none", edgecolors=GREY, linewidths=0.7 * area
+        )
     for label in [] if labels is None else np.unique(labels):
         mine = labels == label
-        axes.scatter(*X[:, mine], s=10, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
+        axes.scatter(*X[:, mine], s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
     if labels is None:
-        axes.scatter(*X, s=10, color=COLOURS[0], depthshade=False)
+        axes.scatter(*X, s=10 * area, color=COLOURS[0], depthshade=False)
     elif truth is not None and (labels != truth).any():
         axes.scatter(*X[:, labels != truth], s=60, marker="x", color=WRONG, linewidths=1.2, depthshade=False)
     axes.view_init(elev=14, azim=-20)

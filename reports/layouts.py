@@ -175,12 +175,15 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "two_person": Layout(
             title="Two dancers",
             caption="Two people who dance with each other, placed as captured: reconstruction and segmentation.",
-            methods=tuple(
-                Method(name)
-                for name in (
-                    *("bmm_ssc3d", "bmm_ssc3d_share70", "ssc2d_bmm", "ssc2d_bmm_share70"),
-                    *("ssc2d", "ssc2d_share70", "edsc", "bmm", "ours", "ours_printed"),
-                )
+            methods=(
+                Method("bmm_ssc3d"),
+                Method("bmm_ssc3d_share70", metrics=(E_MS,)),
+                Method("ssc2d_bmm", metrics=(E_3D,)),
+                Method("ssc2d", metrics=(E_MS,)),
+                Method("ssc2d_share70", metrics=(E_MS,)),
+                Method("edsc", metrics=(E_MS,)),
+                Method("ours"),
+                Method("ours_printed"),
             ),
             notes=(SHARE, ADAPTIVE, ROOM),
         ),

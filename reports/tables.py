@@ -211,9 +211,12 @@ def _mean(runs: Sequence[Tracked], name: str) -> float | None:
 
 
 def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
-    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best."""
+    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best.
+
+    Distances from print rank the rows, so that no column of a row is marked.
+    """
     marked = list(cells)
-    for metric in dict.fromkeys(column.metric for column in columns):
+    for metric in dict.fromkeys(column.metric for column in columns if column.metric.pool not in DISTANCES):
         places = [i for i, column in enumerate(columns) if column.metric == metric]
         for best in _lowest(cells, places):
             marked[best] = replace(marked[best], best=True)
