@@ -73,7 +73,7 @@ class Finding:
         said += f", {against} not" * bool(against) + f", {absent} not measured" * bool(absent)
         values = [case.value for case in self.cases if case.value is not None]
         if values and self.measures:
-            low, high = _plain(min(values)), _plain(max(values))
+            low, high = f"{min(values):.3g}", f"{max(values):.3g}"
             said += f"; {self.measures} {low}" + (f" to {high}" if high != low else "")
         return said
 
@@ -287,10 +287,6 @@ def _case(name: str, value: float | None, holds: Callable[[float], bool], said: 
 
 def _word(ok: bool | None) -> str:
     return NOT_TESTED if ok is None else HELD if ok else NOT_HELD
-
-
-def _plain(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def _name(dataset: str) -> str:
