@@ -13,8 +13,9 @@ import pytest
 from datasets import hopkins
 from harness.experiments import expand
 from reports import published, writers
+from reports.columns import MEAN, MEDIAN
 from reports.design import E_MS, Layout, Method, Pool
-from reports.layouts import LAYOUTS, MEAN, MEDIAN
+from reports.layouts import LAYOUTS
 from reports.model import Verdict
 from reports.tables import build, wrong_tracks
 from reports.tidy import from_json
