@@ -270,9 +270,8 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
                 for level in (0.0, 0.01, 0.02)
             ),
             metrics=(MEAN_3D, MEAN_TRACKS),
-            pools={"pairs": Pool("", BODIES["pairs"].datasets)},
+            pools={"pairs": BODIES["pairs"]},
             parts=Layout("Pair by pair", ""),
-            study=True,
         ),
         "ablation": Layout(
             title="What each ingredient is worth",
