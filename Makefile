@@ -23,7 +23,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 tables: $(INSTALLED)
 	-@$(BIN)/harness data get
 	-@$(BIN)/harness run +experiment=tables
-	@$(BIN)/harness report
+	@$(BIN)/harness report --quiet
 
 test: $(INSTALLED)
 	$(BIN)/ruff check .

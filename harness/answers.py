@@ -10,11 +10,44 @@ from harness.trial import identify
 from reports.tables import Answer
 
 
-def answers(overrides: Sequence[str]) -> tuple[list[Answer], Settings]:
+class Store:
+    """The runs that a tracker holds, read once.
+
+    Parameters
+    ----------
+    settings : Settings
+        Name the tracker.
+
+    Raises
+    ------
+    UsageError
+        If the tracker cannot be reached.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.runs = Tracker(settings.tracking_uri, settings.output).outcomes()  # oldest first
+        self._by_key: dict[str, Tracked] = {}
+        self._by_setting: dict[str, Tracked] = {}
+        for run in self.runs:
+            self._by_key[run.outcome.key] = run
+            held = self._by_setting.get(run.outcome.setting)
+            if held is None or held.outcome.stand_in or not run.outcome.stand_in:
+                self._by_setting[run.outcome.setting] = run
+
+    def find(self, key: str, setting: str) -> Tracked | None:
+        """The run of exactly this trial; else, as on a machine without the data, the newest of the same setting, one
+        on real data before one on stand-ins."""
+        return self._by_key.get(key) or self._by_setting.get(setting)
+
+
+def answers(overrides: Sequence[str], store: Store | None = None) -> tuple[list[Answer], Settings, Store]:
     """Every trial of the overrides with the run that answers it, None where none does.
 
-    The run of exactly this trial (setting, data, method version) comes first. Where there is none, as on a machine
-    without the data, the newest run of the same setting answers, one on real data before one on stand-ins.
+    Parameters
+    ----------
+    overrides : sequence of str
+    store : Store, optional
+        The runs, where they have been read before; otherwise they are read now.
 
     Raises
     ------
@@ -23,15 +56,6 @@ def answers(overrides: Sequence[str]) -> tuple[list[Answer], Settings]:
     """
     trials = expand(overrides)
     settings = trials[0][1]
-    by_key: dict[str, Tracked] = {}
-    by_setting: dict[str, Tracked] = {}
-    for run in Tracker(settings.tracking_uri, settings.output).outcomes():  # oldest first
-        by_key[run.outcome.key] = run
-        held = by_setting.get(run.outcome.setting)
-        if held is None or held.outcome.stand_in or not run.outcome.stand_in:
-            by_setting[run.outcome.setting] = run
-    found: list[Answer] = []
-    for trial, own in trials:
-        key, _ = identify(trial, own)
-        found.append((trial, by_key.get(key) or by_setting.get(trial.setting)))
-    return found, settings
+    store = store or Store(settings)
+    found: list[Answer] = [(trial, store.find(identify(trial, own)[0], trial.setting)) for trial, own in trials]
+    return found, settings, store

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import json
+import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from harness.record import OK, STATUSES, Outcome, UsageError
-from harness.storage import write_atomically
+from harness.storage import write_text
 from harness.untrusted import Fields, is_date, load
 
-SCHEMA = 1
+SCHEMA = 2
 LARGEST_REASON = 2000
 BLESSED = ("n_wrong", "e_3d", "e_3d_total", "e_3d_centred", "e_3d_procrustes", "e_3d_dai", "e_r")
 """Metrics that a baseline keeps. ``n_wrong`` stands for e_ms, so that no share of tracks is rounded."""
 
-Identity = tuple[str, str, str, str, str, float, int]
+Key = tuple[str, str, str, str, str, float, bool]
 
 
 def rounded(value: float) -> float:
@@ -26,20 +28,22 @@ def rounded(value: float) -> float:
 
 @dataclass(frozen=True)
 class Blessed:
-    """One row: what a reader calls it, and its numbers.
+    """What a reader calls one row of a table's method, and its numbers: the mean over the noise's draws.
 
     Parameters
     ----------
-    dataset, method, cameras, placement, motion, level, repeat
-        As in :attr:`harness.record.Outcome.identity`.
+    dataset, method, cameras, placement, motion, level
+        As in :class:`harness.record.Outcome`.
     stand_in : bool
         Measured on generated data; never compared with real data.
     status : str
-        As in the trial's record; only ``ok`` rows have metrics.
+        As in the trials' records, of one that did not finish if there is any; only ``ok`` rows have metrics.
     n_points : int or None
         Tracks of the scene.
-    metrics : dict
-        Finite numbers to six significant digits.
+    metrics, spreads : dict
+        Means and sample standard deviations over the draws, to six significant digits.
+    trials : tuple of str
+        The draws' trial keys.
     """
 
     dataset: str
@@ -48,47 +52,64 @@ class Blessed:
     placement: str
     motion: str
     level: float
-    repeat: int
     stand_in: bool = False
     status: str = OK
     n_points: int | None = None
     metrics: dict[str, float] = field(default_factory=dict)
+    spreads: dict[str, float] = field(default_factory=dict)
+    trials: tuple[str, ...] = ()
 
     @property
-    def identity(self) -> Identity:
-        return (self.dataset, self.method, self.cameras, self.placement, self.motion, self.level, self.repeat)
-
-    @property
-    def key(self) -> tuple[Identity, bool]:
+    def key(self) -> Key:
         """Real and generated data make two rows."""
-        return (self.identity, self.stand_in)
+        return (self.dataset, self.method, self.cameras, self.placement, self.motion, self.level, self.stand_in)
+
+    @property
+    def other(self) -> Key:
+        """The key of the same row on the other kind of data."""
+        return (*self.key[:-1], not self.stand_in)
 
     @property
     def title(self) -> str:
         """``dance_yoga ours (cameras known, placement paper, motion registered)``."""
         said = [f"{name} {word}" for name in ("cameras", "placement", "motion") if (word := getattr(self, name))]
-        said += [f"noise {self.level:g} #{self.repeat}"] * bool(self.level or self.repeat) + [
-            "stand-in"
-        ] * self.stand_in
+        said += [f"noise {self.level:g}"] * bool(self.level) + ["stand-in"] * self.stand_in
         return f"{self.dataset} {self.method} ({', '.join(said)})"
 
     @classmethod
-    def of(cls, outcome: Outcome, metrics: Sequence[str] | None = BLESSED) -> Blessed:
-        """An outcome as a row; ``metrics`` None keeps all."""
-        kept = {k: rounded(v) for k, v in outcome.metrics.items() if metrics is None or k in metrics}
+    def of(cls, draws: Sequence[Outcome], metrics: Sequence[str] | None = BLESSED) -> Blessed:
+        """The outcomes of one row, a draw each; ``metrics`` None keeps all that every draw has."""
+        first = draws[0]
+        status = next((o.status for o in draws if o.status != OK), OK)
+        values: dict[str, list[float]] = {}
+        if status == OK:
+            names = [name for name in first.metrics if all(name in o.metrics for o in draws)]
+            values = {n: [o.metrics[n] for o in draws] for n in names if metrics is None or n in metrics}
         return cls(
-            outcome.dataset,
-            outcome.method,
-            outcome.cameras,
-            outcome.placement,
-            outcome.motion,
-            float(outcome.level),
-            int(outcome.repeat),
-            outcome.stand_in,
-            outcome.status,
-            outcome.n_points,
-            kept if outcome.status == OK else {},
+            first.dataset,
+            first.method,
+            first.cameras,
+            first.placement,
+            first.motion,
+            float(first.level),
+            first.stand_in,
+            status,
+            first.n_points if len({o.n_points for o in draws}) == 1 else None,
+            {name: rounded(statistics.fmean(v)) for name, v in values.items()},
+            {name: rounded(statistics.stdev(v) if len(v) > 1 else 0.0) for name, v in values.items()},
+            tuple(sorted(o.key for o in draws)),
         )
+
+    def cells(self) -> list[dict[str, Any]]:
+        """One flat record a metric; one without a number for a row that did not finish."""
+        words = ("dataset", "method", "cameras", "placement", "motion", "level", "stand_in", "status", "n_points")
+        shared = {name: getattr(self, name) for name in words if getattr(self, name) is not None}
+        behind = {"count": len(self.trials), "trials": list(self.trials)}
+        numbers = [
+            {"metric": name, "value": value, "spread": self.spreads.get(name, 0.0)}
+            for name, value in sorted(self.metrics.items())
+        ]
+        return [shared | number | behind for number in numbers or [{}]]
 
 
 @dataclass(frozen=True)
@@ -101,18 +122,16 @@ class Baseline:
     history: tuple[tuple[str, str], ...] = ()
 
     def to_json(self) -> str:
-        """Sorted and rounded: the same rows give the same bytes."""
-        data = {
+        """One line a cell, sorted and rounded: the same rows give the same bytes, and a review reads line by line."""
+        head = {
             "schema": SCHEMA,
             "reason": self.reason,
             "date": self.date,
             "history": [{"date": date, "reason": reason} for date, reason in self.history],
-            "rows": [
-                {k: v for k, v in asdict(row).items() if v is not None}
-                for row in sorted(self.rows, key=lambda r: r.key)
-            ],
         }
-        return json.dumps(data, indent=1, sort_keys=True, allow_nan=False) + "\n"
+        cells = [cell for row in sorted(self.rows, key=lambda r: r.key) for cell in row.cells()]
+        lines = ",\n".join("  " + json.dumps(cell, allow_nan=False) for cell in cells)
+        return json.dumps(head, indent=1, allow_nan=False)[:-2] + f',\n "rows": [\n{lines}\n ]\n}}\n'
 
     @classmethod
     def read(cls, path: Path) -> Baseline:
@@ -126,20 +145,22 @@ class Baseline:
         return _baseline(Fields(path, load(path, remedy="make it with 'harness bless'")))
 
 
-def index(rows: Iterable[Blessed]) -> dict[tuple[Identity, bool], Blessed]:
-    """Rows by :attr:`Blessed.key`.
+def index(outcomes: Iterable[Outcome], metrics: Sequence[str] | None = BLESSED) -> dict[Key, Blessed]:
+    """Outcomes as rows by :attr:`Blessed.key`, the draws of one row together.
 
     Raises
     ------
     UsageError
-        If two rows have one identity: they differ in the method's settings alone, which no baseline names.
+        If a draw is there twice: the runs differ in the method's settings alone, which no baseline names.
     """
-    found: dict[tuple[Identity, bool], Blessed] = {}
-    for row in rows:
-        if row.key in found:
+    groups: dict[Key, dict[int, Outcome]] = {}
+    for outcome in {outcome.key: outcome for outcome in outcomes}.values():
+        row = Blessed.of([outcome])
+        draws = groups.setdefault(row.key, {})
+        if outcome.repeat in draws:
             raise UsageError(f"two runs of {row.title} differ in settings only; choose one setting of the method")
-        found[row.key] = row
-    return found
+        draws[outcome.repeat] = outcome
+    return {key: Blessed.of(list(draws.values()), metrics) for key, draws in groups.items()}
 
 
 def bless(
@@ -171,8 +192,7 @@ def bless(
         raise UsageError("a baseline needs a reason: say why these numbers are right")
     if not is_date(date):
         raise UsageError(f"date {date!r} is not of the form YYYY-MM-DD")
-    once = {outcome.key: outcome for outcome in outcomes}
-    rows = tuple(index(Blessed.of(outcome, metrics) for outcome in once.values()).values())
+    rows = tuple(index(outcomes, metrics).values())
     if not rows:
         raise UsageError("nothing to bless: no trial has run")
     before = Baseline.read(path) if path.exists() else None
@@ -181,7 +201,7 @@ def bless(
     text = baseline.to_json()
     _baseline(Fields(path, json.loads(text)))  # nothing is written that could not be read again
     try:
-        write_atomically(path, lambda handle: handle.write(text.encode()))
+        write_text(path, text)
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from None
     return replace(baseline, rows=tuple(sorted(rows, key=lambda row: row.key)))
@@ -192,12 +212,17 @@ def _baseline(file: Fields) -> Baseline:
     file.only(("schema", "reason", "date", "rows"), ("history",))
     if (schema := file.count("schema")) != SCHEMA:
         file.wrong("schema", f"is {schema}, this version reads {SCHEMA}; bless anew")
-    rows: dict[tuple[Identity, bool], Blessed] = {}
+    rows: dict[Key, Blessed] = {}
     for fields in file.objects("rows"):
-        row = _row(fields)
-        if row.key in rows:
-            file.wrong(fields.where, f"{row.title} stands twice")
-        rows[row.key] = row
+        cell = _cell(fields)
+        row = rows.get(cell.key)
+        if row is not None:
+            if not cell.metrics or cell.metrics.keys() <= row.metrics.keys():
+                file.wrong(fields.where, f"{cell.title} stands twice")
+            if replace(cell, metrics={}, spreads={}) != replace(row, metrics={}, spreads={}):
+                file.wrong(fields.where, f"{cell.title} is not of the same trials as its other cells")
+            cell = replace(row, metrics=row.metrics | cell.metrics, spreads=row.spreads | cell.spreads)
+        rows[cell.key] = cell
     if not rows:
         file.wrong("rows", "is empty")
     history = []
@@ -207,10 +232,23 @@ def _baseline(file: Fields) -> Baseline:
     return Baseline(file.text("reason", LARGEST_REASON), file.day("date"), tuple(rows.values()), tuple(history))
 
 
-def _row(row: Fields) -> Blessed:
+def _cell(row: Fields) -> Blessed:
+    """A row with one metric at most."""
     words = ("dataset", "method", "cameras", "placement", "motion")
-    row.only((*words, "level", "repeat", "stand_in", "status", "metrics"), ("n_points",))
-    metrics = row.inner("metrics")
+    numbers = ("metric", "value", "spread")
+    row.only((*words, "level", "stand_in", "status", "count", "trials"), (*numbers, "n_points"))
+    status = row.text("status")
+    if status not in STATUSES:
+        row.wrong("status", f"is {status!r}, wanted one of {', '.join(STATUSES)}")
+    if ("metric" in row.data) != (status == OK):
+        row.wrong("metric", f"{'is there' if status != OK else 'is missing'}, and the status is {status}")
+    metrics, spreads = {}, {}
+    if status == OK:
+        row.only((*words, "level", "stand_in", "status", "count", "trials", *numbers), ("n_points",))
+        name = row.text("metric", 60)
+        if not name.isidentifier():
+            row.wrong("metric", f"is {name!r}, wanted a metric's name")
+        metrics, spreads = {name: row.number("value")}, {name: row.number("spread")}
     blessed = Blessed(
         dataset=row.text("dataset"),
         method=row.text("method"),
@@ -218,18 +256,15 @@ def _row(row: Fields) -> Blessed:
         placement=row.text("placement", empty=True),
         motion=row.text("motion", empty=True),
         level=row.number("level"),
-        repeat=row.count("repeat"),
         stand_in=row.flag("stand_in"),
-        status=row.text("status"),
+        status=status,
         n_points=row.count("n_points") if "n_points" in row.data else None,
-        metrics={name: metrics.number(name) for name in metrics.data},
+        metrics=metrics,
+        spreads=spreads,
+        trials=tuple(row.texts("trials")),
     )
-    if blessed.status not in STATUSES:
-        row.wrong("status", f"is {blessed.status!r}, wanted one of {', '.join(STATUSES)}")
-    if metrics.data and blessed.status != OK:
-        row.wrong("metrics", f"has numbers, and the status is {blessed.status}")
-    if odd := [name for name in metrics.data if not name.isidentifier() or len(name) > 60]:
-        row.wrong("metrics", f"has a number named {odd[0]!r}")
+    if row.count("count") != len(blessed.trials):
+        row.wrong("count", f"is {row.data['count']}, and there are {len(blessed.trials)} trials")
     if blessed.n_points is not None and blessed.metrics.get("n_wrong", 0) > blessed.n_points:
-        metrics.wrong("n_wrong", f"is above the {blessed.n_points} tracks of the scene")
+        row.wrong("value", f"is above the {blessed.n_points} tracks of the scene")
     return blessed

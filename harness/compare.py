@@ -8,8 +8,8 @@ from fnmatch import fnmatchcase
 from types import MappingProxyType
 from typing import Any
 
-from harness.baseline import Baseline, Blessed, bless, index, rounded
-from harness.comparison import Comparison, Line, State, markdown, show
+from harness.baseline import Baseline, Blessed, bless, index
+from harness.comparison import Comparison, Line, State, show
 from harness.record import OK, Outcome, UsageError
 from reports.design import Metric
 from reports.layouts import LAYOUTS
@@ -24,7 +24,6 @@ __all__ = [
     "Tolerance",
     "bless",
     "compare",
-    "markdown",
     "published",
     "show",
     "tolerances",
@@ -33,13 +32,24 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far above its baseline a metric may lie: the larger of the two."""
+    """How far above its baseline a metric may lie: the largest of the three.
+
+    Parameters
+    ----------
+    absolute : float
+        In the metric's unit.
+    relative : float
+        As a share of the blessed value.
+    spreads : float
+        In standard deviations over the blessed draws.
+    """
 
     absolute: float = 0.0
     relative: float = 0.0
+    spreads: float = 0.0
 
-    def slack(self, baseline: float) -> float:
-        return max(self.absolute, self.relative * baseline) * (1 + 1e-9) + 1e-12
+    def slack(self, value: float, spread: float = 0.0) -> float:
+        return max(self.absolute, self.relative * value, self.spreads * spread) * (1 + 1e-9) + 1e-12
 
 
 BLESSED_TOLERANCES: Mapping[str, Tolerance] = MappingProxyType(
@@ -56,7 +66,8 @@ def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
     Parameters
     ----------
     config : mapping
-        Metric, or a pattern such as ``e_3d*``, -> ``absolute`` and ``relative``; e_ms -> ``tracks``.
+        Metric, or a pattern such as ``e_3d*``, -> ``absolute``, ``relative``, ``spreads``; e_ms ->
+        ``tracks``, ``spreads``.
 
     Raises
     ------
@@ -67,16 +78,15 @@ def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
     if not isinstance(config, Mapping):
         raise UsageError(f"compare.tolerances is {config!r}, wanted metrics with their tolerances")
     for metric, entry in config.items():
-        allowed = ("tracks",) if metric in ("e_ms", "n_wrong") else ("absolute", "relative")
+        allowed = ("tracks", "spreads") if metric in ("e_ms", "n_wrong") else ("absolute", "relative", "spreads")
         if not isinstance(entry, Mapping) or not entry or not set(entry) <= set(allowed):
             raise UsageError(f"tolerance of {one_line(metric)}: wanted {' and '.join(allowed)}")
         for name, value in entry.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < float("inf"):
                 raise UsageError(f"tolerance of {one_line(metric)}: {name} is {value!r}, wanted a number >= 0")
-        if allowed == ("tracks",):
-            found["n_wrong"] = Tolerance(absolute=float(entry["tracks"]))
-        else:
-            found[metric] = Tolerance(float(entry.get("absolute", 0)), float(entry.get("relative", 0)))
+        name = "n_wrong" if "tracks" in allowed else metric
+        absolute = entry.get("tracks", entry.get("absolute", 0))
+        found[name] = Tolerance(float(absolute), float(entry.get("relative", 0)), float(entry.get("spreads", 0)))
     return found
 
 
@@ -113,33 +123,34 @@ def compare(
     outcomes = list({outcome.key: outcome for outcome in outcomes}.values())
     if against == "published":
         baseline, chosen = published(outcomes), tolerances or PUBLISHED_TOLERANCES
-        outcomes = [o for o in outcomes if o.identity in {row.identity for row in baseline.rows}]
+        known = {row.key for row in baseline.rows}
+        outcomes = [o for o in outcomes if known & {(row := Blessed.of([o])).key, row.other}]
     elif against == "blessed" and baseline is not None:
         chosen = tolerances or BLESSED_TOLERANCES
     else:
         raise UsageError(f"compare against {one_line(against)!r}: wanted published, or blessed with a baseline")
-    errors = {(o.identity, o.stand_in): o.error for o in outcomes}
-    measured = index(Blessed.of(outcome, None) for outcome in outcomes)
+    measured = index(outcomes, None)
+    errors = {Blessed.of([o]).key: o.error for o in outcomes if o.status != OK}
     lines: list[Line] = []
     met = set()
     for row in sorted(baseline.rows, key=lambda r: r.key):
-        other, found = (row.identity, not row.stand_in), measured.get(row.key)
-        if found is None and other in measured and (measured[other].status != OK or row.status != OK):
-            found = replace(measured[other], stand_in=row.stand_in)  # an unfinished trial may not know its data
-            met.add(other)
+        found = measured.get(row.key)
+        if found is None and row.other in measured and (measured[row.other].status != OK or row.status != OK):
+            found = replace(measured[row.other], stand_in=row.stand_in)  # an unfinished trial may not know its data
+            met.add(row.other)
         if found is not None:
             met.add(row.key)
-            error = errors.get(row.key) or errors.get(other, "")
+            error = errors.get(row.key) or errors.get(row.other, "")
             lines += _row(row, found, error, chosen, complete=against == "blessed")
-        elif other in measured:
-            met.add(other)
+        elif row.other in measured:
+            met.add(row.other)
             lines.append(Line(row.title, "", State.MISSING, why=_unlike(row.stand_in)))
         else:
             lines.append(Line(row.title, "", State.MISSING, why="not measured"))
     for key, found in measured.items():
         if key not in met:
             state = State.NEW if found.status == OK else State.FAILED
-            lines.append(Line(found.title, "", state, why=_ended(found.status, errors[key])))
+            lines.append(Line(found.title, "", state, why=_ended(found.status, errors.get(key, ""))))
     return Comparison("the published numbers" if against == "published" else "the blessed baseline", tuple(lines))
 
 
@@ -151,7 +162,8 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
     """
     rows: dict[Any, Blessed] = {}
     for outcome in outcomes:
-        if outcome.level or outcome.parameters.get("gaps") or outcome.identity in rows:
+        row = replace(Blessed.of([outcome]), stand_in=False, status=OK, trials=())
+        if outcome.level or outcome.parameters.get("gaps") or row.key in rows:
             continue
         metrics: dict[str, float] = {}
         points = outcome.n_points
@@ -165,8 +177,7 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
                     name, value = _published(metric, float(text), points or 0)
                     metrics.setdefault(name, value)
         if metrics:
-            row = replace(Blessed.of(outcome, ()), stand_in=False, status=OK, n_points=points, metrics=metrics)
-            rows[outcome.identity] = row
+            rows[row.key] = replace(row, n_points=points, metrics=metrics, spreads={})
     return Baseline("published numbers", "", tuple(rows.values()))
 
 
@@ -176,26 +187,31 @@ def _published(metric: Metric, value: float, points: int) -> tuple[str, float]:
 
 def _row(row: Blessed, found: Blessed, error: str, chosen: Mapping[str, Tolerance], complete: bool) -> Iterator[Line]:
     if found.status != OK:
-        state = State.SAME if row.status != OK else State.FAILED
+        state = State.PASS if row.status != OK else State.FAILED
         yield Line(row.title, "status", state, why=_ended(found.status, error))
         return
     if row.status != OK:
-        yield Line(row.title, "status", State.BETTER, why=f"was {row.status}, now ok")
+        yield Line(row.title, "status", State.IMPROVED, why=f"was {row.status}, now ok")
         return
     if None not in (row.n_points, found.n_points) and row.n_points != found.n_points:
         why = f"the baseline has {row.n_points} tracks, measured were {found.n_points}: not the same scene"
         yield Line(row.title, "", State.MISSING, why=why)
         return
+    if row.trials and len(row.trials) != len(found.trials):
+        why = f"the baseline is over {len(row.trials)} draws, measured were {len(found.trials)}"
+        yield Line(row.title, "", State.MISSING, why=why)
+        return
     if not any(metric in found.metrics and _tolerance(chosen, metric) for metric in row.metrics):
-        yield Line(row.title, "status", State.SAME)
+        yield Line(row.title, "status", State.PASS)
     for metric, blessed in row.metrics.items():
         tolerance = _tolerance(chosen, metric)
         value = found.metrics.get(metric)
         if value is None:
             yield Line(row.title, metric, State.MISSING, baseline=blessed, why="no longer logged")
         elif tolerance is not None:
-            blessed, slack = rounded(blessed), tolerance.slack(blessed)
-            state = State.WORSE if value > blessed + slack else State.BETTER if value < blessed - slack else State.SAME
+            slack = tolerance.slack(blessed, row.spreads.get(metric, 0.0))
+            low, high = blessed - slack, blessed + slack
+            state = State.REGRESSED if value > high else State.IMPROVED if value < low else State.PASS
             yield Line(row.title, metric, state, blessed, value, slack, found.n_points)
     for metric in found.metrics if complete else ():
         if metric not in row.metrics and metric in chosen:

@@ -1,4 +1,4 @@
-"""What a comparison found: a line for each row and metric, its exit code, and how it is told."""
+"""What a comparison found: a line for each row and metric, its exit code, and how a terminal tells it."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
 
+from rich import box
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
-
-from reports.text import escape_md
 
 
 class State(StrEnum):
-    SAME = "same"
-    BETTER = "better"
-    WORSE = "worse"
+    """Verdict on one cell: passed within its tolerance, improved or regressed beyond it, or not compared."""
+
+    PASS = "pass"
+    IMPROVED = "improved"
+    REGRESSED = "regressed"
     MISSING = "missing"
     FAILED = "failed"
     NEW = "new"
@@ -48,18 +50,29 @@ class Line:
 
     @property
     def bad(self) -> bool:
-        return self.state in (State.WORSE, State.MISSING, State.FAILED)
+        return self.state in (State.REGRESSED, State.MISSING, State.FAILED)
+
+    @property
+    def allowed(self) -> float | None:
+        """The largest value that passes."""
+        return None if self.baseline is None or self.slack is None else self.baseline + self.slack
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row, metric, verdict, baseline, measured, allowed and why, a dash for what there is not."""
+        numbers = ("–" if value is None else f"{value:.6g}" for value in (self.baseline, self.measured, self.allowed))
+        return (self.row, self.metric or "–", str(self.state), *numbers, self.why or "–")
 
     @property
     def text(self) -> str:
-        """``dance_yoga ours (...): e_3d worse: 0.0318 -> 0.0402, up to 0.0334 allowed``."""
+        """``dance_yoga ours (...): e_3d regressed: 0.0318 -> 0.0402, up to 0.0334 allowed``."""
         name = {"n_wrong": "wrong tracks"}.get(self.metric, self.metric)
         said = f"{self.row}: {name} {self.state}" if self.metric else f"{self.row}: {self.state}"
         if self.baseline is not None and self.measured is not None:
             of = f" of {self.n_points}" if self.metric == "n_wrong" and self.n_points else ""
             said += f": {self.baseline:g} -> {self.measured:g}{of}"
-            if self.bad and self.slack is not None:
-                said += f", up to {self.baseline + self.slack:.4g} allowed"
+            if self.bad and self.allowed is not None:
+                said += f", up to {self.allowed:.4g} allowed"
         return f"{said}: {self.why}" if self.why else said
 
 
@@ -84,7 +97,7 @@ class Comparison:
         counts = self.counts
         if counts[State.MISSING] or counts[State.FAILED] or not set(counts) - {State.NEW}:
             return 2
-        return 1 if counts[State.WORSE] else 0
+        return 1 if counts[State.REGRESSED] else 0
 
     @property
     def summary(self) -> str:
@@ -95,40 +108,50 @@ class Comparison:
         return f"Against {self.against}: {said}."
 
 
-STYLES = {State.WORSE: "red", State.MISSING: "red", State.FAILED: "red", State.BETTER: "cyan", State.NEW: "dim"}
+STYLES = {
+    State.PASS: "green",
+    State.REGRESSED: "red",
+    State.MISSING: "red",
+    State.FAILED: "red",
+    State.IMPROVED: "cyan",
+    State.NEW: "dim",
+}
+ORDER = (State.PASS, State.NEW, State.IMPROVED, State.REGRESSED, State.MISSING, State.FAILED)
+
+
+def ordered(comparison: Comparison, everything: bool = False) -> list[Line]:
+    """The lines that did not simply pass, or all; the worst last, where a log is read first."""
+    shown = [line for line in comparison.lines if everything or line.state is not State.PASS]
+    return sorted(shown, key=lambda line: ORDER.index(line.state))
 
 
 def show(comparison: Comparison, target: Console | None = None, everything: bool = False) -> None:
-    """Print every row that is not as it was, worst first, and the summary.
+    """Print what did not simply pass, worst last, and the summary.
 
     Parameters
     ----------
     comparison : Comparison
     target : rich.console.Console, optional
-        Standard output by default. Plain text, one line a row whatever its width, if that is no terminal.
+        Standard output by default. A table in a terminal; else plain text, one line a cell whatever its width.
     everything : bool
-        Print the rows that are the same, too.
+        Print the cells that pass, too.
     """
     target = target or Console()
-    for line in _ordered(comparison, everything):
-        target.print(Text(line.text, STYLES.get(line.state, "")), soft_wrap=True)
+    lines = ordered(comparison, everything)
+    if lines and target.is_terminal:
+        target.print(_table(lines))
+    else:
+        for line in lines:
+            target.print(Text(line.text), soft_wrap=True)
     target.print(Text(comparison.summary, "bold red" if comparison.code else "bold green"), soft_wrap=True)
 
 
-def markdown(comparison: Comparison) -> str:
-    """The summary and a table of the rows that are not as they were, for a CI page."""
-    text = f"**{escape_md(comparison.summary)}**\n"
-    if lines := _ordered(comparison, everything=False):
-        text += "\n| Row | Metric | State | Baseline | Measured | Allowed | Why |\n|---|---|---|---|---|---|---|\n"
+def _table(lines: list[Line]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("Row", "Metric", "Verdict", "Baseline", "Measured", "Allowed", "Why"):
+        numbers = heading in ("Baseline", "Measured", "Allowed")
+        table.add_column(heading, overflow="fold", justify="right" if numbers else "left")
     for line in lines:
-        allowed = None if line.baseline is None or line.slack is None else line.baseline + line.slack
-        numbers = ("–" if value is None else f"{value:.6g}" for value in (line.baseline, line.measured, allowed))
-        cells = (line.row, line.metric or "–", str(line.state), *numbers, line.why or "–")
-        text += "| " + " | ".join(escape_md(cell) for cell in cells) + " |\n"
-    return text
-
-
-def _ordered(comparison: Comparison, everything: bool) -> list[Line]:
-    order = [State.FAILED, State.MISSING, State.WORSE, State.BETTER, State.NEW, State.SAME]
-    shown = [line for line in comparison.lines if everything or line.state is not State.SAME]
-    return sorted(shown, key=lambda line: order.index(line.state))
+        row, metric, state, *rest = line.cells
+        table.add_row(Text(row), Text(metric), Text(state, STYLES[line.state]), *map(Text, rest))
+    return table

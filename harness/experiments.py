@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -143,7 +144,7 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
         dataset=dataset,
         method=method,
         cameras=dict(plain["cameras"]),
-        noise={"level": float(level), "repeat": repeat},
+        noise={"level": float(level), "repeat": repeat if level or share else 0},  # without either there is one draw
         gaps={} if gaps["kind"] == "none" or share == 0 else gaps | {"share": float(share)},
         n_bodies=n_bodies,
     )
@@ -262,28 +263,62 @@ def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
 
 
 def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
-    """:func:`compose_config` of each job.
+    """:func:`compose_config` of each job, files read as seldom as can be.
 
-    Jobs that differ in plain values alone share their files, which are read once: Hydra as well merges the files first
-    and sets the values after. Whatever is more than choices of files and values of existing keys is composed whole.
+    Jobs that differ in plain values alone share their files: Hydra as well merges the files first and sets the values
+    after. Jobs that differ in several choices of files are put together from the configurations that differ in one,
+    wherever each of those changes keys of its own. Whatever is more than that is composed whole.
     """
     with configurations():
         parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
-        bases: dict[tuple[str, ...], DictConfig] = {}
+        is_group = cache(lambda key: bool(loader.get_group_options(key)))
+        composer = _Composer()
         for job in jobs:
             parsed = parser.parse_overrides(list(job))
-            chosen = [o for o in parsed if loader.get_group_options(o.key_or_group) and not isinstance(o.value(), dict)]
+            chosen = [o for o in parsed if is_group(o.key_or_group) and not isinstance(o.value(), dict)]
             values = [o for o in parsed if o not in chosen]
-            files = tuple(str(o.input_line) for o in chosen)
-            if files not in bases:
-                bases[files] = compose("config", overrides=list(files))
-            cfg = deepcopy(bases[files])
+            cfg = composer.compose({o.key_or_group: str(o.input_line) for o in chosen})
             if all(_is_plain(o, cfg) for o in values):
                 for o in values:
                     OmegaConf.update(cfg, o.key_or_group, o.value())
                 yield cfg
             else:
                 yield compose("config", overrides=list(job))
+
+
+class _Composer:
+    """Composes choices of files: each once, and combinations from their parts."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[str, ...], tuple[DictConfig, dict[str, Any]]] = {}
+        self._first: dict[tuple[str, ...], dict[str, str]] = {}
+
+    def compose(self, choices: dict[str, str]) -> DictConfig:
+        """A configuration of its own for choices by group, as overrides."""
+        first = self._first.setdefault(tuple(choices), choices)
+        changed = [group for group, choice in choices.items() if choice != first[group]]
+        if len(changed) < 2:
+            return deepcopy(self._whole(choices)[0])
+        cfg, plain = self._whole(first)
+        parts: dict[str, Any] = {}
+        for group in changed:
+            part = self._whole(first | {group: choices[group]})[1]
+            own = {key for key in part if key not in plain or part[key] != plain[key]}
+            if part.keys() != plain.keys() or own & parts.keys():
+                return deepcopy(self._whole(choices)[0])
+            parts |= {key: part[key] for key in own}
+        cfg = deepcopy(cfg)
+        for key, value in parts.items():
+            cfg[key] = value
+        return cfg
+
+    def _whole(self, choices: Mapping[str, str]) -> tuple[DictConfig, dict[str, Any]]:
+        """A composed configuration, and the same as plain data with its interpolations as they are written."""
+        files = tuple(choices.values())
+        if files not in self._made:
+            cfg = compose("config", overrides=list(files))
+            self._made[files] = cfg, cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=False))
+        return self._made[files]
 
 
 def _is_plain(override: Override, cfg: DictConfig) -> bool:

@@ -14,10 +14,12 @@ from omegaconf import OmegaConf
 from harness.answers import answers
 from harness.arguments import Parser
 from harness.baseline import Baseline, bless
+from harness.ci import FORMATS, Gate
 from harness.compare import compare, tolerances
-from harness.comparison import markdown, show
+from harness.comparison import show
 from harness.experiments import compose_config
 from harness.record import Outcome, UsageError
+from harness.storage import write_text
 
 
 def compare_main(argv: Sequence[str]) -> int:
@@ -30,26 +32,39 @@ def compare_main(argv: Sequence[str]) -> int:
     """
     parser = Parser(
         "harness compare",
-        description="Hold measured runs against a blessed baseline or the published numbers.",
+        description="Hold measured runs against a blessed baseline, which blocks, and the published numbers, which "
+        "inform.",
         epilog="harness compare +experiment=quick\n"
         "harness compare +experiment=table1 compare.baseline=tables\n"
+        "harness compare +experiment=table2 compare.baseline=tables --strict\n"
         "harness compare +experiment=table2 compare.against=published\n"
         "Exit codes: 0 ok, 1 worse, 2 missing or failed, 3 usage.",
     )
     parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=quick when none is named")
-    parser.add_argument("--all", action="store_true", help="show rows that did not change, too")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write the comparison as markdown")
+    parser.add_argument("--all", action="store_true", help="show cells that pass, too")
+    parser.add_argument("--strict", action="store_true", help="the published numbers block as well, not only inform")
+    for name in FORMATS:
+        parser.add_argument(f"--{name}", type=Path, metavar="FILE", help=f"also write the comparison as {name}")
     given = parser.read(argv)
     overrides = _with_experiment(given.overrides)
     settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
-    against = str(settings["against"])
-    baseline = Baseline.read(locate(str(settings["baseline"]))) if against == "blessed" else None
-    chosen = tolerances(settings["tolerances"]) if against == "blessed" else None
-    comparison = compare(baseline, measured(overrides), chosen, against)
-    show(comparison, everything=given.all)
-    if given.markdown:
-        given.markdown.write_text(markdown(comparison))
-    return comparison.code
+    against, outcomes = str(settings["against"]), measured(overrides)
+    paper = compare(None, outcomes, against="published")
+    if against == "blessed":
+        baseline = Baseline.read(locate(str(settings["baseline"])))
+        own = compare(baseline, outcomes, tolerances(settings["tolerances"]))
+        informs = bool(paper.lines) and not given.strict
+        gate = Gate((own, paper) if given.strict else (own,), (paper,) if informs else ())
+    elif against == "published":
+        gate = Gate((paper,))
+    else:
+        raise UsageError(f"compare.against is {against!r}, wanted blessed or published")
+    for comparison in (*gate.informing, *gate.blocking):
+        show(comparison, everything=given.all)
+    for name, text_of in FORMATS.items():
+        if path := getattr(given, name):
+            write_text(path, text_of(gate))
+    return gate.code
 
 
 def bless_main(argv: Sequence[str]) -> int:
@@ -82,7 +97,7 @@ def bless_main(argv: Sequence[str]) -> int:
 
 def measured(overrides: Sequence[str]) -> list[Outcome]:
     """Outcomes that the tracker holds for the trials of the overrides."""
-    found, _ = answers(overrides)
+    found, _, _ = answers(overrides)
     absent = sum(run is None for _, run in found)
     if absent:
         print(f"{absent} of {len(found)} trials are not run yet; 'harness run' runs them", file=sys.stderr)

@@ -27,8 +27,13 @@ def e_3d(estimate: Array, truth: Array) -> float:
 
     Frames in which nothing is known do not count.
     """
+    return float(np.nanmean(frame_errors(estimate, truth)))
+
+
+def frame_errors(estimate: Array, truth: Array) -> Array:
+    """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P); NaN where nothing is known."""
     size = _norm(truth, (1, 2))
-    return float(np.mean(_norm(estimate - truth, (1, 2))[size > 0] / size[size > 0]))
+    return np.divide(_norm(estimate - truth, (1, 2)), size, out=np.full(len(size), np.nan), where=size > 0)
 
 
 def e_3d_total(estimate: Array, truth: Array) -> float:
@@ -89,8 +94,13 @@ def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
 
 def align_procrustes(estimate: Array, truth: Array) -> Array:
     """One orthogonal matrix (reflection allowed) for the whole sequence, by least squares."""
+    return procrustes(estimate, truth) @ estimate
+
+
+def procrustes(estimate: Array, truth: Array) -> Array:
+    """The orthogonal (3, 3) matrix, reflection allowed, that takes one (F, 3, P) structure nearest to another."""
     U, _, Vt = np.linalg.svd(np.einsum("fip,fjp->ij", np.nan_to_num(truth), np.nan_to_num(estimate)))
-    return (U @ Vt) @ estimate
+    return U @ Vt
 
 
 def align_polar(estimate: Array, truth: Array) -> Array:
@@ -158,6 +168,19 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dic
     return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
+def by_frame(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, Array]:
+    """``frame_e_3d`` (F,), whose mean is e_3d, and ``alignment`` (3, 3), the matrix that it is taken after.
+
+    Empty where there is no truth or no structure; with known cameras nothing is aligned.
+    """
+    if scene.structure is None or found.structure is None:
+        return {}
+    truth = centre(scene.structure)
+    S = centre(np.where(np.isnan(truth), np.nan, found.structure))
+    alignment = np.eye(3) if known_cameras else procrustes(S, truth)
+    return {"frame_e_3d": frame_errors(alignment @ S, truth), "alignment": alignment}
+
+
 def count(scene: Scene, found: Reconstruction) -> dict[str, float]:
     """How many bodies a method found that was not told their number.
 
@@ -184,8 +207,8 @@ def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict
     truth = centre(scene.structure)
     S = centre(np.where(np.isnan(truth), np.nan, found.structure))
     keep: Callable[[Array, Array], Array] = lambda estimate, _: estimate  # noqa: E731
-    procrustes, polar = (keep, keep) if known else (align_procrustes, align_polar)
-    aligned = procrustes(S, truth)
+    align, polar = (keep, keep) if known else (align_procrustes, align_polar)
+    aligned = align(S, truth)
     values = {
         "e_3d": e_3d(aligned, truth),
         "e_3d_total": e_3d_total(aligned, truth),
@@ -200,10 +223,10 @@ def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict
         mine, true = axes(found.cameras) @ S, axes(scene.cameras) @ truth
         values["e_3d_dai_cam"] = e_3d_dai(polar(mine, true), true)
     if scene.labels is not None:
-        centred = procrustes(centre_bodies(S, scene.labels), centre_bodies(truth, scene.labels))
+        centred = align(centre_bodies(S, scene.labels), centre_bodies(truth, scene.labels))
         values["e_3d_centred"] = e_3d_centred(centred, truth, scene.labels)
         for k in np.unique(scene.labels):
             body, own = S[:, :, scene.labels == k], truth[:, :, scene.labels == k]
             body, own = centre(body), centre(own)
-            values[f"e_3d_body_{k}"] = e_3d(procrustes(body, own), own)
+            values[f"e_3d_body_{k}"] = e_3d(align(body, own), own)
     return values

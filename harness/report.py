@@ -1,114 +1,165 @@
-"""Writes the tables of experiments into one folder. Never runs a method."""
+"""Writes tables, figures, claims and the page of experiments into one folder. Never runs a method."""
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from harness.answers import answers
+from harness.answers import Store, answers
 from harness.arguments import Parser
+from harness.evidence import Arrays, as_configured
+from harness.experiments import Settings, configurations
 from harness.record import ABSENT, OK, UsageError
-from harness.storage import ARRAYS, unpack, write_atomically
+from harness.storage import write_text
+from reports import claims
+from reports.catalogue import charts
+from reports.charts import Chart
+from reports.grid import Tracked
+from reports.page import page
+from reports.runs import Fetch
 from reports.tables import Answer, Table, build
 from reports.writers import FORMATS, console, glance, tally
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def tables(answers_by_table: Mapping[str, Sequence[Answer]]) -> list[Table]:
-    """One table for each experiment, in the order given.
+DEFAULT = ("table1", "table2")
+
+
+@dataclass(frozen=True)
+class Report:
+    """The answers to some experiments, and everything that is made of them.
 
     Parameters
     ----------
-    answers_by_table : mapping
+    answers : mapping
         Experiment -> what was asked and the run that answers it, None where none does.
+    fetch : callable
+        Gives the arrays of a run; by default no run has any.
+    evidence : sequence of Tracked
+        The runs that the claims are judged by.
     """
-    return [build(name, answers) for name, answers in answers_by_table.items()]
+
+    answers: Mapping[str, Sequence[Answer]]
+    fetch: Fetch = field(default=lambda run: {})
+    evidence: Sequence[Tracked] = ()
+
+    @cached_property
+    def tables(self) -> list[Table]:
+        """One table for each experiment, in the order given."""
+        return [build(name, found) for name, found in self.answers.items()]
+
+    @cached_property
+    def charts(self) -> list[Chart]:
+        return charts(self.answers, self.fetch)
+
+    @cached_property
+    def judged(self) -> list[claims.Judged]:
+        return claims.judge(claims.Evidence(self.evidence, self.fetch))
+
+    @property
+    def runs(self) -> dict[str, Tracked]:
+        """Every run that answers, by trial key."""
+        return {run.outcome.key: run for group in self.answers.values() for _, run in group if run}
+
+    @property
+    def summary(self) -> str:
+        """One line a table: how many published numbers were reproduced."""
+        return "\n".join(table.summary for table in self.tables)
+
+    def texts(self) -> dict[str, str]:
+        """Every file by name: each table in every format (the paper's own LaTeX layout where a paper prints it), the
+        claims, and the page."""
+        found = {
+            f"{table.name}{ending}": writer(table)
+            for table in self.tables
+            for ending, writer in FORMATS.items()
+            if table.printed or ending != "_paper.tex"
+        }
+        found["claims.json"] = (
+            json.dumps(claims.data(self.judged), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        )
+        found["index.html"] = page(self.tables, self.charts, self.judged, self.runs, self.fetch)
+        return found
 
 
-def summary(built: Sequence[Table]) -> str:
-    """One line a table: how many published numbers were reproduced."""
-    return "\n".join(table.summary for table in built)
+def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report, Settings]:
+    """The report of some experiments.
+
+    Raises
+    ------
+    UsageError
+        If an experiment or override is unknown, or the tracker cannot be reached.
+    """
+    found: dict[str, Sequence[Answer]] = {}
+    store: Store | None = None
+    with configurations():
+        for name in names:
+            found[name], settings, store = answers([f"+experiment={name}", *overrides], store)
+        assert store is not None
+        evidence = as_configured(store.runs, (*claims.OURS, *claims.BASELINES))
+    return Report(found, Arrays(settings), evidence), settings
 
 
-def write(answers_by_table: Mapping[str, Sequence[Answer]], folder: Path) -> list[Path]:
-    """Write every format of every table; the paper's own LaTeX layout where a paper prints the table.
-
-    Everything is rendered before anything is written, and each file appears whole or not at all.
+def write(report: Report, folder: Path) -> list[Path]:
+    """Write :meth:`Report.texts`; everything is rendered before anything is written, each file whole or not at all.
 
     Parameters
     ----------
-    answers_by_table : mapping
-        As for :func:`tables`.
+    report : Report
     folder : Path
         Made if it is missing. Files of other names in it are left alone.
 
     Returns
     -------
     list of Path
-        The files, table by table.
 
     Raises
     ------
     UsageError
         If the folder cannot be written to, or a table's name cannot be a file's.
     """
-    texts = {
-        f"{table.name}{ending}": writer(table)
-        for table in tables(answers_by_table)
-        for ending, writer in FORMATS.items()
-        if table.printed or ending != "_paper.tex"
-    }
+    texts = report.texts()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            _write(folder / name, text)
+            write_text(folder / name, text)
     except OSError as error:
         raise UsageError(f"cannot write the report to {folder}: {error.strerror}; choose another folder") from None
     return [folder / name for name in texts]
 
 
-def _write(path: Path, text: str) -> None:
-    write_atomically(path, lambda handle: handle.write(text.encode()))
-
-
-def draw(answers_by_table: Mapping[str, Sequence[Answer]], trials: Path, folder: Path) -> list[Path]:
-    """One figure a finished trial that gave a structure: image, reconstruction, affinity."""
-    from reports.figures import overview, save
+def draw(report: Report, folder: Path) -> list[Path]:
+    """Every chart, and a picture of each finished run that gave a structure, as svg, pdf and png."""
+    from reports.figures import save
 
     written = []
-    for run in {run.run_id: run for group in answers_by_table.values() for _, run in group if run}.values():
-        path = trials / run.outcome.key / ARRAYS
-        if "e_3d" not in run.outcome.metrics or not path.is_file():
-            continue
-        with np.load(path, allow_pickle=False) as stored:
-            figure = overview(unpack(stored), run.outcome)
-        noise = f"_noise{run.outcome.level:g}_{run.outcome.repeat}" if run.outcome.level else ""
-        written.append(folder / f"{run.outcome.dataset}_{run.outcome.method}{noise}.png")
-        save(figure, written[-1])
+    for name, figure in _figures(report):
+        for suffix in ("svg", "pdf", "png"):
+            written.append(folder / f"{name}.{suffix}")
+            save(figure, written[-1])
     return written
 
 
-def draw_scaling(asked: Sequence[Answer], trials: Path, folder: Path) -> list[Path]:
-    """The figure of the experiment ``scaling``: one point a finished trial that kept its curves."""
-    from reports.figures import save
-    from reports.scaling import measured, scaling
+def _figures(report: Report) -> Iterator[tuple[str, Figure]]:
+    from reports.drawing import chart_figure
+    from reports.figures import overview
 
-    found = []
-    for outcome in (run.outcome for _, run in asked if run):
-        path = trials / outcome.key / ARRAYS
-        if outcome.status != OK or not path.is_file():
-            continue
-        with np.load(path, allow_pickle=False) as stored:
-            seconds, operations = (stored[f"history_{name}"].tolist() for name in ("seconds", "operations"))
-        found.append(
-            measured(outcome.n_points or 0, outcome.n_frames or 0, seconds, operations, outcome.peak_mb or 0.0)
-        )
-    if not found:
-        return []
-    save(scaling(found), folder / "scaling.png")
-    return [folder / "scaling.png"]
+    for chart in report.charts:
+        yield chart.name, chart_figure(chart)
+    drawn = set()
+    for table, group in report.answers.items():
+        for run in (run for _, run in group if run and "e_3d" in run.outcome.metrics):
+            outcome, arrays = run.outcome, report.fetch(run)
+            if outcome.key not in drawn and "tracks" in arrays:
+                drawn.add(outcome.key)
+                noise = f"_noise{outcome.level:g}_{outcome.repeat}" if outcome.level else ""
+                yield f"{table}_{outcome.dataset}_{outcome.method}{noise}", overview(arrays, outcome)
 
 
 TALLY = "tally"
@@ -136,14 +187,11 @@ def renew(path: Path, built: Sequence[Table]) -> None:
             raise UsageError(f"{path}: the line {start.strip()} and then {end} must stand in it once")
         head, _, rest = text.partition(start)
         text = f"{head}{start}{part}{end}{rest.partition(end)[2]}"
-    write_atomically(path, lambda handle: handle.write(text.encode()))
-
-
-DEFAULT = ("table1", "table2")
+    write_text(path, text)
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print tables and write them; exit code 2 when a trial that a table asks for is missing or failed.
+    """Print tables or claims and write the report; exit code 2 when a trial that a table asks for is missing or failed.
 
     Raises
     ------
@@ -152,41 +200,40 @@ def main(argv: Sequence[str]) -> int:
     """
     parser = Parser(
         "harness report",
-        description="Rebuild tables from the tracker: md, tex (as in the paper, and for audit), html, csv, json.",
-        epilog="harness report\nharness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'",
+        description="Rebuild the report from the tracker: index.html, the tables as md, tex (as in the paper, and for "
+        "audit), html, csv and json, and the paper's claims.",
+        epilog="harness report\nharness report --claims\n"
+        "harness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'",
     )
     parser.add_argument(
         "words", nargs="*", metavar="TABLE|OVERRIDE", help=f"experiments ({' '.join(DEFAULT)}) and overrides"
     )
     parser.add_argument("--folder", type=Path, help="where to write; OUTPUT/report by default")
-    parser.add_argument("--figures", action="store_true", help="also draw every trial that gave a structure")
+    parser.add_argument("--claims", action="store_true", help="print the paper's claims in place of the tables")
+    parser.add_argument("--figures", action="store_true", help="also draw the figures: svg, pdf and png")
     parser.add_argument(
         "--into", type=Path, metavar="FILE", help="also renew the tables between <!-- TABLE --> and <!-- end TABLE -->"
     )
     parser.add_argument("--quiet", action="store_true", help="write the files, print no tables")
     given = parser.read(argv)
     names = [word for word in given.words if "=" not in word] or list(DEFAULT)
-    overrides = [word for word in given.words if "=" in word]
-    found: dict[str, list[Answer]] = {}
-    settings = None
-    for name in names:
-        found[name], settings = answers([f"+experiment={name}", *overrides])
-    assert settings is not None
-    built = tables(found)
-    if not given.quiet:
-        for table in built:
+    report, settings = gather(names, [word for word in given.words if "=" in word])
+    if given.claims:
+        print(claims.text(report.judged), end="")
+    elif not given.quiet:
+        for table in report.tables:
             console(table)
     folder = given.folder or settings.output / "report"
-    write(found, folder)
+    write(report, folder)
     if given.into:
-        renew(given.into, built)
+        renew(given.into, report.tables)
     if given.figures:
-        draw({name: group for name, group in found.items() if name != "scaling"}, settings.trials, folder / "figures")
-        draw_scaling(found.get("scaling", []), settings.trials, folder / "figures")
-    print(summary(built))
-    print(f"Written to {folder}")
-    lacking = [trial for group in found.values() for trial, run in group if run is None]
-    ended = [run.outcome.status for group in found.values() for _, run in group if run]
+        draw(report, folder / "figures")
+    print(report.summary)
+    print(f"Written to {folder}; open {folder / 'index.html'}")
+    asked = [answer for group in report.answers.values() for answer in group]
+    lacking = [trial for trial, run in asked if run is None]
+    ended = [run.outcome.status for _, run in asked if run]
     absent, failed = ended.count(ABSENT), sum(status not in (OK, ABSENT) for status in ended)
     if lacking:
         print(f"{len(lacking)} trials are not run yet; 'harness run +experiment=...' runs them", file=sys.stderr)

@@ -65,7 +65,25 @@ def main(argv: Sequence[str]) -> int:
                 break
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
+    if flags and not follower.trouble:
+        _show(overrides)
     return _report(follower)
+
+
+def _show(overrides: Sequence[str]) -> None:
+    """Print the tables that a sweep has just filled."""
+    from harness.answers import answers
+    from reports.layouts import FILLS, Layout
+    from reports.tables import build
+    from reports.writers import console
+
+    named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
+    name = named[-1].partition("=")[2] if named else "sweep"
+    others = [word for word in overrides if word not in named]
+    store = None
+    for table in FILLS.get(name, (name,)):
+        found, _, store = answers([*([f"+experiment={table}"] if named else []), *others], store)
+        console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
 
 
 def _attempt(argv: list[str]) -> str:

@@ -43,6 +43,11 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """:func:`write_atomically` of a text, as UTF-8."""
+    write_atomically(path, lambda handle: handle.write(text.encode()))
+
+
 def pack(parts: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Arrays as a file keeps them: in single precision and 32-bit integers, for figures and later reading.
 

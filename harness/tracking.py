@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from filelock import FileLock
 
+from harness.curves import thinned
 from harness.record import OK, Outcome, UsageError
 from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "nrsfm"
-STEPS = 100  # points of each curve that go to the tracker; all of them are in arrays.npz
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")  # a server that is away is said to be within seconds
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
@@ -184,6 +184,14 @@ class Tracker:
             found.append(Tracked(outcome, str(run.info.run_id), self.uri))
         return sorted(found, key=lambda t: (t.outcome.finished, t.outcome.key))
 
+    def fetch(self, run_id: str, name: str, folder: Path) -> bool:
+        """Download a run's artifact into a folder; False if the store has none of that name."""
+        if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
+            return False
+        folder.mkdir(parents=True, exist_ok=True)
+        self.client.download_artifacts(run_id, name, str(folder))
+        return True
+
     def _runs(self, wanted: str) -> Iterator[Run]:
         from mlflow.entities import ViewType
 
@@ -244,15 +252,11 @@ def _tags(outcome: Outcome) -> dict[str, str]:
 
 
 def _curves(folder: Path) -> list[tuple[str, int, float]]:
-    """The residual history as (name, step, value), thinned evenly, first and last kept."""
+    """The thinned residual history as (name, step, value)."""
     if not (folder / ARRAYS).is_file():
         return []
-    points = []
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
-        for name in sorted(n for n in arrays.files if n.startswith("history_")):
-            values = arrays[name]
-            steps = np.unique(np.linspace(0, len(values) - 1, min(STEPS, len(values))).round().astype(int))
-            label = name.removeprefix("history_")
-            label = label if label == "objective" else f"residual_{label}"
-            points += [(label, int(s) + 1, float(values[s])) for s in steps if np.isfinite(values[s])]
-    return points
+        curves = thinned(arrays)
+    return [
+        (name, int(s), float(v)) for name, (steps, values) in curves.items() for s, v in zip(steps, values, strict=True)
+    ]

@@ -132,6 +132,13 @@ class Fields:
         for i, value in enumerate(self._kind(self.data.get(name, []), list, self.place(name))):
             yield Fields(self.path, value, f"{self.place(name)}[{i}]")
 
+    def texts(self, name: str, longest: int = 200) -> Iterator[str]:
+        """A field that is a list of texts."""
+        items = self._kind(self.data[name], list, self.place(name))
+        inner = Fields(self.path, {str(i): item for i, item in enumerate(items)}, self.place(name))
+        for i in inner.data:
+            yield inner.text(i, longest)
+
     def place(self, name: str) -> str:
         return f"{self.where}.{name}" if self.where else name
 

@@ -111,6 +111,7 @@ def compute(
         "true_structure": scene.structure,
         "true_labels": scene.labels,
         "edges": scene.edges,
+        **metrics.by_frame(noisy, found, known_cameras=known),
     }
     arrays = pack({name: value for name, value in parts.items() if value is not None})
     return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}

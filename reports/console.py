@@ -33,6 +33,8 @@ def console(table: Table, target: Console | None = None) -> None:
     target.print(_grid(table))
     for line in reasons(table):
         target.print(Text(line, "dim"))
+    for test in table.tests:
+        target.print(Text(test.text, "dim"))
     if table.published:
         target.print(Text(LEGEND, "dim"))
     target.print(Text(table.summary, "bold"))
@@ -49,14 +51,15 @@ def reasons(table: Table) -> list[str]:
 
 def _grid(table: Table) -> Grid:
     grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
+    compared = bool(table.published)
     grid.add_column("Dataset", overflow="fold")
     grid.add_column("Method", no_wrap=True)
     metrics = {metric.shown: metric for metric in table.metrics}
     for metric in metrics.values():
-        if table.published:
+        if compared:
             grid.add_column("paper", justify="right", style="dim", no_wrap=True)
         grid.add_column(metric.shown, justify="right", no_wrap=True)
-        if table.published:
+        if compared:
             grid.add_column("", no_wrap=True)
         if metric.beside:
             grid.add_column(metric.beside, justify="right", style="dim", no_wrap=True)
@@ -66,7 +69,9 @@ def _grid(table: Table) -> Grid:
         for i, (method, columns) in enumerate(table.methods.items()):
             cells = zip(table.columns, row.cells, strict=True)
             found = {column.metric.shown: cell for column, cell in cells if column.method == method}
-            line = [t for name, metric in metrics.items() for t in _texts(metric, found.get(name), table.published)]
+            line = [
+                t for name, metric in metrics.items() for t in _texts(metric, found.get(name), bool(table.published))
+            ]
             last = i == len(table.methods) - 1
             grid.add_row(Text("" if i else row.label), Text(columns[0].label), *line, end_section=last)
     return grid

@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from harness.record import Outcome
+from reports.affinity import picture
+from reports.labels import matched
+from reports.style import COLOURS, GREY, WRONG
 
-#: Okabe and Ito's colours, told apart by colour-blind readers.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 DRAWN = 3000  # points of a dense scene
-GREY, WRONG = "#9a9a9a", "#000000"
 
 
 def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | None = None) -> Figure:
@@ -42,7 +42,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))  # all, unless there are more
     frame = len(tracks) // 2 if frame is None else frame
     truth = arrays.get("true_labels")
-    labels = _matched(arrays["labels"], truth) if "labels" in arrays else None
+    labels = matched(arrays["labels"], truth) if "labels" in arrays else None
     panels = ["tracks", *(name for name in ("structure", "affinity") if name in arrays)]
     figure = Figure(figsize=(4.4 * len(panels), 4.3), layout="constrained")
     row = [
@@ -54,6 +54,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
             _tracks(axes, tracks[:, :, some], frame)
         elif name == "structure":
             shapes = {key: arrays[key][:, :, some] for key in ("structure", "true_structure") if key in arrays}
+            shapes |= {key: arrays[key] for key in ("alignment",) if key in arrays}
             _structure(axes, shapes, frame, *(None if x is None else x[some] for x in (labels, truth)))
         else:
             _affinity(axes, arrays["affinity"], truth)
@@ -97,7 +98,7 @@ def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
 def _structure(
     axes: Any, arrays: Mapping[str, NDArray[Any]], frame: int, labels: NDArray[Any] | None, truth: NDArray[Any] | None
 ) -> None:
-    X = arrays["structure"][frame]
+    X = arrays.get("alignment", np.eye(3)) @ arrays["structure"][frame]
     area = _area(X)
     if "true_structure" in arrays:
         axes.scatter(
@@ -115,37 +116,10 @@ def _structure(
 
 
 def _affinity(axes: Axes, affinity: NDArray[Any] | sp.sparray, truth: NDArray[Any] | None) -> None:
+    A, edges = picture(affinity, truth)
     n = affinity.shape[0]
-    order = np.argsort(truth, kind="stable") if truth is not None else np.arange(n)
-    A = _binned(affinity, order) if sp.issparse(affinity) else affinity[np.ix_(order, order)]
-    top = np.quantile(A[A > 0], 0.98) if (A > 0).any() else 1
-    axes.imshow(np.minimum(A, top), cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
-    if truth is not None:
-        for edge in np.flatnonzero(np.diff(truth[order])) + 0.5:
-            axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
-            axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
+    axes.imshow(A, cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
+    for edge in edges * n / len(A) - 0.5:
+        axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
+        axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")
-
-
-def _binned(affinity: sp.sparray, order: NDArray[Any]) -> NDArray[Any]:
-    """Sums over the cells of a grid that a figure can show, of a sparse affinity whose tracks are put in order."""
-    n, pairs = affinity.shape[0], sp.coo_array(affinity)
-    cells = min(n, 400)
-    place = np.empty(n, dtype=np.int64)
-    place[order] = np.arange(n) * cells // n
-    image = np.bincount(place[pairs.row] * cells + place[pairs.col], pairs.data, cells**2)
-    return image.reshape(cells, cells)
-
-
-def _matched(labels: NDArray[Any], truth: NDArray[Any] | None) -> NDArray[Any]:
-    """Clusters renamed after the bodies that they match best, so that colours mean bodies."""
-    if truth is None:
-        return labels
-    from scipy.optimize import linear_sum_assignment
-
-    found, bodies = np.unique(labels), np.unique(truth)
-    overlap = np.array([[((labels == a) & (truth == b)).sum() for b in bodies] for a in found])
-    rows, columns = linear_sum_assignment(-overlap)
-    names = {found[r]: bodies[c] for r, c in zip(rows, columns, strict=True)}
-    spare = iter(range(int(bodies.max()) + 1, int(bodies.max()) + 1 + len(found)))
-    return np.array([names.setdefault(label, next(spare)) if label not in names else names[label] for label in labels])

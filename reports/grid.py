@@ -126,14 +126,14 @@ def _place(trial: Trial, design: Layout) -> Place:
         cameras="" if "cameras.source" in design.told_apart else cameras,
         placement=_word(trial.dataset.get("placement", "")),
         motion=_word(trial.dataset.get("motion", "")),
-        scene=_scene(trial.dataset),
+        scene=scene_words(trial.dataset),
         level=float(trial.noise.get("level", 0.0)),
         gaps=one_line(f"{trial.gaps['kind']} {trial.gaps['share']:g}") if trial.gaps else "",
         bodies=trial.n_bodies,
     )
 
 
-def _scene(dataset: Mapping[str, Any]) -> str:
+def scene_words(dataset: Mapping[str, Any]) -> str:
     """What makes a scene another than the published one, besides its placement and motion; "" for nothing."""
     changed = ((name, dataset[name]) for name, value in SCENE.items() if dataset.get(name, value) != value)
     return ", ".join(f"{name} {_word(value)}" for name, value in changed)

@@ -178,6 +178,45 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Paired:
+    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test.
+
+    Parameters
+    ----------
+    method, label, metric : str
+        The other method and the error compared.
+    setting : str
+        What the rows share, where the table holds several settings.
+    rows, better, worse : int
+        Rows compared, and on how many ours is lower and higher.
+    median : float
+        Of ours minus the other, in the table's numbers.
+    p, corrected : float
+        Two-sided, and corrected for the other tests of the same metric and setting.
+    """
+
+    method: str
+    label: str
+    metric: str
+    setting: str
+    rows: int
+    better: int
+    worse: int
+    median: float
+    p: float
+    corrected: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """``e_MS, ours against EDSC: lower on 6 of 8, higher on 0, median difference -0.1250, p = 0.031, ...``."""
+        where = f", {self.setting}" if self.setting else ""
+        return (
+            f"{self.metric}{where}, ours against {self.label}: lower on {self.better} of {self.rows}, higher on "
+            f"{self.worse}, median difference {self.median:+.4f}, p = {self.p:.2g}, corrected {self.corrected:.2g}"
+        )
+
+
+@dataclass(frozen=True)
 class Table:
     """A table with everything that any of its formats shows.
 
@@ -197,6 +236,8 @@ class Table:
         Where rows pool datasets: the same answers with a row for each dataset.
     study : bool
         Of candidates, which claim nothing.
+    tests : tuple of Paired
+        Ours against each method over the rows.
     """
 
     name: str
@@ -208,6 +249,7 @@ class Table:
     notes: tuple[Note, ...]
     parts: Table | None = None
     study: bool = False
+    tests: tuple[Paired, ...] = ()
 
     @property
     def layers(self) -> tuple[Table, ...]:
@@ -232,11 +274,6 @@ class Table:
         return any(column.heading for column in self.columns)
 
     @property
-    def published(self) -> bool:
-        """Whether there is a published number to compare with."""
-        return any(cell.published is not None for _, _, cell in self.cells())
-
-    @property
     def loud(self) -> tuple[str, ...]:
         return tuple(note.text for note in self.notes if note.loud)
 
@@ -255,9 +292,13 @@ class Table:
     def counts(self) -> tuple[int, int, int, int, int]:
         """Published numbers: all, reproduced, better, worse, not judged."""
         verdicts = self.verdicts
-        printed = sum(cell.published is not None for _, _, cell in self.cells())
         judged = tuple(verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
-        return (printed, *judged, printed - sum(judged))  # type: ignore[return-value]
+        return (self.published, *judged, self.published - sum(judged))  # type: ignore[return-value]
+
+    @property
+    def published(self) -> int:
+        """How many published numbers there are to compare with."""
+        return sum(cell.published is not None for _, _, cell in self.cells())
 
     @property
     def summary(self) -> str:

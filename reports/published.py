@@ -54,6 +54,7 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
         "table3": Source("table3_umpm.csv", metrics=_BOTH),
         "table4": Source("table4_dense.csv", metrics={"e_3d": "e_3d"}, points="points_published"),
         "single_body": Source("single_body.csv", row="sequence", metric="metric", value="value", points="points"),
+        "three_bodies": Source("three_bodies.csv", metric="metric", value="printed"),
         "pairs_followup": Source("pairs_followup.csv", metric="e_3d", methods=("pnd", "zhu", "spatio_temporal_2017")),
         "hopkins155": Source(
             "hopkins155.csv", row="motions", metrics={"mean": "mean_percent", "median": "median_percent"}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from reports.figures import COLOURS, GREY
+from reports.charts import Panel, Series
 
 DENSE = 5 / 3  # P^3 operations of the dense iteration's factors and symmetric product
 
@@ -44,38 +42,36 @@ def measured(
     return Measured(n_points, n_frames, float(np.median(seconds[late])), float(np.median(operations[late])), peak_mb)
 
 
-def scaling(trials: Sequence[Measured]) -> Figure:
+def scaling(trials: Sequence[Measured]) -> Iterator[Panel]:
     """CPU seconds, counted operations and peak memory an iteration, against P for each F; double logarithmic.
 
     The dense iteration's operations, and a dense P x P array, stand beside for comparison.
     """
-    figure = Figure(figsize=(13, 4.2), layout="constrained")
-    row = figure.subplots(1, 3)
+    if not trials:
+        return
     lengths = sorted({trial.n_frames for trial in trials})
-    for colour, F in zip(COLOURS, lengths, strict=False):
-        mine = sorted((t for t in trials if t.n_frames == F), key=lambda t: t.n_points)
-        P = np.array([t.n_points for t in mine])
-        for axes, name in zip(row, ("seconds", "operations", "peak_mb"), strict=True):
-            values = np.array([getattr(t, name) for t in mine])
-            label = f"F = {F}" + (f", P^{_slope(P, values):.2f}" if name != "peak_mb" and len(P) > 2 else "")
-            axes.loglog(P, values, "o-", color=colour, markersize=4, label=label)
-    P = np.array(sorted({t.n_points for t in trials}), dtype=float)
-    row[1].loglog(P, DENSE * P**3, "--", color=GREY, label="dense, 5/3 P^3")
-    row[2].loglog(P, 8 * P**2 / 2**20, "--", color=GREY, label="one dense P x P array")
-    for axes, title in zip(
-        row, ("CPU seconds an iteration", "operations an iteration", "peak memory, MB"), strict=True
-    ):
-        _dress(axes, title)
-    return figure
+    every = np.array(sorted({t.n_points for t in trials}), dtype=float)
+    beside = {
+        "operations": ("dense, 5/3 P^3", DENSE * every**3),
+        "peak_mb": ("one dense P x P array", 8 * every**2 / 2**20),
+    }
+    titles = {"seconds": "CPU seconds an iteration", "operations": "operations an iteration", "peak_mb": "peak memory"}
+    for name, title in titles.items():
+        series, slopes = [], []
+        for place, F in enumerate(lengths):
+            mine = sorted((t for t in trials if t.n_frames == F), key=lambda t: t.n_points)
+            P, values = (np.array([getattr(t, of) for t in mine], float) for of in ("n_points", name))
+            series.append(Series(f"F = {F}", tuple(P), tuple(values), (), place))
+            if len(P) > 2 and name != "peak_mb":
+                slopes.append(f"P^{_slope(P, values):.2f}")
+        if name in beside:
+            label, values = beside[name]
+            series.append(Series(label, tuple(every), tuple(values), (), len(lengths) + list(beside).index(name)))
+        said = f"{title}: {', '.join(slopes)}" if slopes else title
+        yield Panel(said, "tracks P", "MB" if name == "peak_mb" else "", tuple(series), log_x=True, log_y=True)
 
 
 def _slope(P: np.ndarray, values: np.ndarray) -> float:
     """The exponent over the upper half of the sizes."""
     half = slice(len(P) // 2 - (len(P) < 4), None)
     return float(np.polyfit(np.log(P[half]), np.log(values[half]), 1)[0])
-
-
-def _dress(axes: Axes, title: str) -> None:
-    axes.set(title=title, xlabel="tracks P")
-    axes.grid(which="major", color="#dddddd", linewidth=0.6)
-    axes.legend(frameon=False, fontsize=8)

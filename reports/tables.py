@@ -7,7 +7,7 @@ published ones.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from harness.record import ABSENT, OK, UsageError
@@ -15,6 +15,7 @@ from reports.design import DISTANCES, MEANS, Layout, Method, Metric
 from reports.grid import Answer, Grid, RowKey, Tracked, grid, repeats
 from reports.layouts import LABELS, layout
 from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
+from reports.paired import paired_tests
 from reports.remarks import remarks
 from reports.text import number, one_line
 
@@ -54,7 +55,8 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     notes = remarks(design, columns, rows, sorted_answers)
     means = () if design.pools else _means(rows, columns)
     parts = build(name, answers, design.parts) if design.parts else None
-    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study)
+    tests = () if design.pools or design.study else paired_tests(columns, rows)
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study, tests)
 
 
 Place = tuple[Method, Column]
@@ -74,7 +76,7 @@ def _columns(design: Layout, answers: Grid) -> list[Place]:
 
 def _row(design: Layout, places: Sequence[Place], answers: Grid, key: RowKey) -> Row:
     label = design.label(key.dataset) or key.setting.unusual or "as by default"
-    differing = tuple(f for f in Setting.__match_args__ if len({getattr(s, f) for s in answers.settings}) > 1)
+    differing = _differing(answers.settings)
     if differing and design.label(key.dataset):
         label += f", {key.setting.words(differing)}"
     if key.stand_in:
@@ -82,6 +84,12 @@ def _row(design: Layout, places: Sequence[Place], answers: Grid, key: RowKey) ->
     cells = [_cell(design, *place, key, answers.rows[key].get(place[0].key, [])) for place in places]
     marked = _mark(tuple(column for _, column in places), cells)
     return Row(key.dataset, label, key.setting, key.stand_in, key.dataset in design.datasets, marked)
+
+
+def _differing(settings: Iterable[Setting]) -> tuple[str, ...]:
+    """The fields in which some settings are not all alike."""
+    found = list(settings)
+    return tuple(name for name in Setting.__match_args__ if len({getattr(s, name) for s in found}) > 1)
 
 
 def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
@@ -238,7 +246,8 @@ def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...
             continue
         cells = tuple(_mean_cell([row.cells[i] for row in common], stand_in) for i in range(len(columns)))
         label = "Mean" if len(common) == len(members) else f"Mean ({len(common)} of {len(members)} rows)"
-        label += f", {setting.words()}" if len({s for _, s in kinds}) > 1 else ""
+        differing = _differing(s for _, s in kinds)
+        label += f", {setting.words(differing)}" if differing else ""
         means.append(Row("mean", label + " (stand-in)" * stand_in, setting, stand_in, False, cells))
     return tuple(means)
 

@@ -10,9 +10,9 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from reports.design import Metric
-from reports.model import Cell, Column, Note, Row, Run, Setting, Table, Verdict
+from reports.model import Cell, Column, Note, Paired, Row, Run, Setting, Table, Verdict
 
-SCHEMA = 2
+SCHEMA = 3
 
 
 def records(table: Table) -> Iterator[dict[str, Any]]:
@@ -84,6 +84,7 @@ def _data(table: Table) -> dict[str, Any]:
         "means": [_row_data(row) | {"cells": [asdict(cell) for cell in row.cells]} for row in table.means],
         "parts": _data(table.parts) if table.parts else None,
         "study": table.study,
+        "tests": [asdict(test) for test in table.tests],
     }
 
 
@@ -111,7 +112,8 @@ def _table(data: dict[str, Any]) -> Table:
     means = tuple(_row(row, [_mean(cell) for cell in row["cells"]]) for row in data["means"])
     notes = tuple(Note(**note) for note in data["notes"])
     parts = _table(data["parts"]) if data.get("parts") else None
-    return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes, parts, data["study"])
+    tests = tuple(Paired(**test) for test in data["tests"])
+    return Table(data["name"], data["title"], data["caption"], columns, rows, means, notes, parts, data["study"], tests)
 
 
 def _row_data(row: Row) -> dict[str, Any]:

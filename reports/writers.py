@@ -25,10 +25,10 @@ __all__ = [
     "FORMATS",
     "console",
     "csv_text",
-    "fragment",
     "from_json",
     "glance",
     "html",
+    "html_environment",
     "json_text",
     "markdown",
     "records",
@@ -79,17 +79,12 @@ def tex_audit(table: Table) -> str:
 
 def html(table: Table) -> str:
     """A page of its own, nothing loaded from elsewhere, light and dark."""
-    return _render(_HTML, "page.html.j2", table)
+    return _render(_HTML, "page.html.j2", table, page=False)
 
 
-def fragment(table: Table) -> str:
-    """The same without head and style, to stand in a larger page beside :func:`style`."""
-    return _render(_HTML, "table.html.j2", table)
-
-
-def style() -> str:
-    """The style sheet that :func:`fragment` needs; all its rules are under ``.nrsfm``."""
-    return _HTML.get_template("style.css.j2").render()
+def html_environment() -> Environment:
+    """The templates' engine for HTML, which escapes all text, with the filters that write a cell."""
+    return _HTML
 
 
 FORMATS: Mapping[str, Callable[[Table], str]] = MappingProxyType(

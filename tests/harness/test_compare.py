@@ -8,12 +8,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from rich.console import Console
 
 from harness.baseline import LARGEST_REASON, Baseline, bless
-from harness.compare import State, Tolerance, compare, markdown, published, show, tolerances
+from harness.ci import Gate, as_json, junit, markdown
+from harness.compare import State, Tolerance, compare, published, show, tolerances
 from harness.record import Outcome, UsageError
 
 DAY = "2024-05-01"
@@ -73,18 +75,19 @@ class TestExitCodes:
     def test_the_true_baseline_passes(self, blessed, measured):
         found = compare(Baseline.read(blessed), measured)
         assert found.code == 0
-        assert {line.state for line in found.lines} == {State.SAME}
+        assert {line.state for line in found.lines} == {State.PASS}
         assert {line.metric for line in found.lines} == {"n_wrong", "e_3d", "e_3d_dai"}
 
     @pytest.mark.parametrize(("metric", "value"), [("n_wrong", 1), ("e_3d", 0.02), ("e_3d_dai", 0.04)])
     def test_a_tampered_row_is_named(self, blessed, measured, metric, value):
         def lower(data):
-            (row,) = [r for r in data["rows"] if (r["dataset"], r["method"]) == ("dance_yoga", "edsc")]
-            row["metrics"][metric] = value
+            wanted = ("dance_yoga", "edsc", metric)
+            (cell,) = [r for r in data["rows"] if (r["dataset"], r["method"], r["metric"]) == wanted]
+            cell["value"] = value
 
         found = compare(Baseline.read(tampered(blessed, lower)), measured)
         assert found.code == 1
-        assert [(line.metric, line.state) for line in found.bad] == [(metric, State.WORSE)]
+        assert [(line.metric, line.state) for line in found.bad] == [(metric, State.REGRESSED)]
         assert "dance_yoga edsc (cameras known" in told(found)
 
     def test_missing_rows_and_metrics(self, blessed, measured):
@@ -113,7 +116,7 @@ class TestExitCodes:
         found = compare(
             Baseline.read(blessed), [changed(measured[0], e_3d=0.01), *measured[1:], outcome(method="newcomer")]
         )
-        assert (found.code, found.counts[State.BETTER], found.counts[State.NEW]) == (0, 1, 1)
+        assert (found.code, found.counts[State.IMPROVED], found.counts[State.NEW]) == (0, 1, 1)
 
     def test_a_new_row_that_failed_does_not_pass(self, blessed, measured):
         assert compare(Baseline.read(blessed), [*measured, outcome(method="newcomer", status="failed")]).code == 2
@@ -124,7 +127,7 @@ class TestExitCodes:
         bless([measured[0], failed], path, "edsc cannot do it yet", DAY)
         assert compare(Baseline.read(path), [measured[0], failed]).code == 0
         found = compare(Baseline.read(path), measured[:2])
-        assert (found.code, found.counts[State.BETTER]) == (0, 1)
+        assert (found.code, found.counts[State.IMPROVED]) == (0, 1)
 
     def test_nothing_measured(self, blessed):
         assert compare(Baseline.read(blessed), []).code == 2
@@ -140,12 +143,12 @@ class TestTolerance:
     @pytest.mark.parametrize(
         ("base", "value", "state"),
         [
-            (0.025, 0.027, "same"),
-            (0.025, 0.0271, "worse"),
-            (0.025, 0.023, "same"),
-            (0.025, 0.0229, "better"),
-            (1.0, 1.05, "same"),
-            (1.0, 1.051, "worse"),
+            (0.025, 0.027, "pass"),
+            (0.025, 0.0271, "regressed"),
+            (0.025, 0.023, "pass"),
+            (0.025, 0.0229, "improved"),
+            (1.0, 1.05, "pass"),
+            (1.0, 1.051, "regressed"),
         ],
     )
     def test_the_larger_of_absolute_and_relative(self, tmp_path, base, value, state):
@@ -154,7 +157,7 @@ class TestTolerance:
         found = compare(Baseline.read(path), [changed(outcome(), e_3d=value)], {"e_3d": Tolerance(0.002, 0.05)})
         assert [line.state for line in found.lines if line.metric == "e_3d"] == [state]
 
-    @pytest.mark.parametrize(("wrong", "state"), [(1, "better"), (2, "same"), (4, "same"), (5, "worse")])
+    @pytest.mark.parametrize(("wrong", "state"), [(1, "improved"), (2, "pass"), (4, "pass"), (5, "regressed")])
     def test_segmentation_in_tracks(self, blessed, measured, wrong, state):
         chosen = tolerances({"e_ms": {"tracks": 1}})
         found = compare(Baseline.read(blessed), [changed(measured[0], n_wrong=wrong), *measured[1:]], chosen)
@@ -258,9 +261,33 @@ class TestBless:
         bless(exact[::-1], second, "why", DAY)
         assert first.read_bytes() == second.read_bytes()
         data = json.loads(first.read_text())
-        assert data["rows"][0]["metrics"]["e_3d"] == 0.333333
-        assert [r["dataset"] for r in data["rows"]] == ["dance_yoga"] * 3 + ["face_yoga"]
-        assert "e_3d_body_0" not in data["rows"][0]["metrics"]
+        assert data["rows"][0]["metric"] == "e_3d"
+        assert data["rows"][0]["value"] == 0.333333
+        assert [r["dataset"] for r in data["rows"]] == ["dance_yoga"] * 12 + ["face_yoga"] * 4
+        assert "e_3d_body_0" not in {r["metric"] for r in data["rows"]}
+        lines = first.read_text().splitlines()
+        assert sum('"metric": "n_wrong"' in line for line in lines) == 4  # a cell a line
+
+    def test_draws_are_one_cell_with_their_spread(self, tmp_path):
+        draws = [changed(outcome(level=0.02, repeat=r), e_3d=0.02 + r / 100) for r in range(3)]
+        (row,) = bless(draws, tmp_path / "b.json", "why", DAY).rows
+        assert row.metrics["e_3d"] == pytest.approx(0.03)
+        assert row.spreads["e_3d"] == pytest.approx(0.01)
+        assert row.trials == tuple(sorted(o.key for o in draws))
+        assert Baseline.read(tmp_path / "b.json").rows == (row,)
+        found = compare(Baseline.read(tmp_path / "b.json"), draws[1:])
+        assert found.code == 2
+        assert "over 3 draws, measured were 2" in told(found)
+        failed = [*draws[1:], outcome(level=0.02, repeat=0, status="oom", error="too large")]
+        found = compare(Baseline.read(tmp_path / "b.json"), failed)
+        assert [line.state for line in found.lines] == [State.FAILED]
+
+    def test_spread_widens_what_is_allowed_if_asked(self, tmp_path):
+        draws = [changed(outcome(level=0.02, repeat=r), e_3d=0.02 + r / 100) for r in range(3)]
+        baseline = bless(draws, tmp_path / "b.json", "why", DAY)
+        worse = [changed(o, e_3d=o.metrics["e_3d"] + 0.015) for o in draws]
+        assert compare(baseline, worse, tolerances({"e_3d": {"spreads": 2}})).code == 0
+        assert compare(baseline, worse, tolerances({"e_3d": {"spreads": 1}})).code == 1
 
     def test_reasons_become_history(self, blessed, measured):
         bless(measured[:1], blessed, "  second\n reason ", "2024-06-01")
@@ -329,7 +356,7 @@ class TestUntrustedFiles:
         [
             (drop("rows"), "rows"),
             (drop("reason"), "reason"),
-            (put("schema", value=2), "schema"),
+            (put("schema", value=1), "schema"),
             (put("schema", value=True), "schema"),
             (put("date", value="soon"), "date"),
             (put("reason", value=""), "reason"),
@@ -344,22 +371,28 @@ class TestUntrustedFiles:
             (put("rows", 1, "method", value=""), r"rows\[1\].method"),
             (put("rows", 1, "level", value="0"), r"rows\[1\].level"),
             (put("rows", 1, "level", value=-0.1), r"rows\[1\].level"),
-            (put("rows", 1, "repeat", value=0.5), r"rows\[1\].repeat"),
-            (put("rows", 1, "repeat", value=True), r"rows\[1\].repeat"),
+            (put("rows", 1, "count", value=0.5), r"rows\[1\].count"),
+            (put("rows", 1, "count", value=True), r"rows\[1\].count"),
+            (put("rows", 1, "count", value=2), r"rows\[1\].count"),
+            (put("rows", 1, "trials", value="k"), r"rows\[1\].trials"),
+            (put("rows", 1, "trials", value=[3]), r"rows\[1\].trials.0"),
+            (put("rows", 1, "trials", value=["other"]), r"rows\[1\] dance_yoga .* not of the same trials"),
             (put("rows", 1, "stand_in", value=0), r"rows\[1\].stand_in"),
             (put("rows", 1, "status", value="fine"), r"rows\[1\].status"),
-            (put("rows", 1, "status", value="failed"), r"rows\[1\].metrics"),
+            (put("rows", 1, "status", value="failed"), r"rows\[1\].metric"),
+            (drop("rows", 1, "metric"), r"rows\[1\].metric"),
+            (put("rows", 1, "spread", value=-1), r"rows\[1\].spread"),
             (put("rows", 1, "n_points", value=-1), r"rows\[1\].n_points"),
-            (put("rows", 1, "metrics", value=[]), r"rows\[1\].metrics"),
-            (put("rows", 1, "metrics", "e_3d", value=None), r"rows\[1\].metrics.e_3d"),
-            (put("rows", 1, "metrics", "e_3d", value="0.1"), r"rows\[1\].metrics.e_3d"),
-            (put("rows", 1, "metrics", "e_3d", value=True), r"rows\[1\].metrics.e_3d"),
-            (put("rows", 1, "metrics", "e_3d", value=10**400), r"rows\[1\].metrics.e_3d"),
-            (put("rows", 1, "metrics", "n_wrong", value=117), r"rows\[1\].metrics.n_wrong"),
-            (put("rows", 1, "metrics", "a b", value=1), r"rows\[1\].metrics"),
+            (put("rows", 1, "value", value=[]), r"rows\[1\].value"),
+            (put("rows", 1, "value", value=None), r"rows\[1\].value"),
+            (put("rows", 1, "value", value="0.1"), r"rows\[1\].value"),
+            (put("rows", 1, "value", value=True), r"rows\[1\].value"),
+            (put("rows", 1, "value", value=10**400), r"rows\[1\].value"),
+            (put("rows", 3, "value", value=117), r"rows\[3\].value"),
+            (put("rows", 1, "metric", value="a b"), r"rows\[1\].metric"),
             (put("rows", 1, "surprise", value=1), r"rows\[1\].surprise"),
-            (drop("rows", 1, "metrics"), r"rows\[1\].metrics"),
-            (lambda data: data["rows"].append(data["rows"][1]), r"rows\[4\] dance_yoga .* stands"),
+            (drop("rows", 1, "value"), r"rows\[1\].value"),
+            (lambda data: data["rows"].append(data["rows"][1]), r"rows\[16\] dance_yoga .* stands"),
         ],
     )
     def test_the_field_is_named(self, blessed, change, field):
@@ -415,20 +448,49 @@ class TestTelling:
 
     def test_plain_lines_name_each_bad_row(self, comparison):
         lines = told(comparison).splitlines()
-        assert lines[0].startswith("dance_yoga edsc (cameras known, placement paper, motion registered): missing")
-        assert lines[1].endswith("e_3d worse: 0.025 -> 0.5, up to 0.027 allowed")
+        assert lines[-2].startswith("dance_yoga edsc (cameras known, placement paper, motion registered): missing")
+        assert lines[-3].endswith("e_3d regressed: 0.025 -> 0.5, up to 0.027 allowed")
         assert lines[-1].startswith("Against the blessed baseline: ")
         assert "\x1b" not in told(comparison)
 
     def test_markdown_has_a_row_a_line(self, comparison):
-        text = markdown(comparison)
+        text = markdown(Gate((comparison,)))
+        assert text.startswith("## Blocked\n")
         table = [line for line in text.splitlines() if line.startswith("|")]
-        assert len(table) == 2 + len([line for line in comparison.lines if line.state is not State.SAME])
+        assert len(table) == 2 + len([line for line in comparison.lines if line.state is not State.PASS])
         assert {line.replace("\\|", "").count("|") for line in table} == {8}
         assert "<script" not in text
-        assert "| worse | 0.025 | 0.5 | 0.027 |" in text
+        assert "| regressed | 0.025 | 0.5 | 0.027 |" in text
 
     def test_a_clean_comparison_is_one_line(self, blessed, measured):
         found = compare(Baseline.read(blessed), measured)
-        assert told(found) == "Against the blessed baseline: 12 same.\n"
-        assert markdown(found) == "**Against the blessed baseline: 12 same.**\n"
+        assert told(found) == "Against the blessed baseline: 12 pass.\n"
+        assert markdown(Gate((found,))) == "## Passed\n\n**Against the blessed baseline: 12 pass.**\n"
+
+    def test_junit_fails_what_blocks_and_skips_what_informs(self, comparison):
+        blocking, informing = (
+            ElementTree.fromstring(junit(gate).encode()) for gate in (Gate((comparison,)), Gate((), (comparison,)))
+        )
+        assert len(blocking.findall("testsuite/testcase")) == len(comparison.lines)
+        assert len(blocking.findall(".//failure")) == len(comparison.bad) == int(blocking[0].get("failures", ""))
+        assert not informing.findall(".//failure")
+        assert len(informing.findall(".//skipped")) >= len(comparison.bad)
+        (regressed,) = [f for f in blocking.iter("failure") if "e_3d regressed" in f.get("message", "")]
+        assert "up to 0.027 allowed" in regressed.get("message", "")
+
+    def test_json_has_every_line(self, comparison):
+        data = json.loads(as_json(Gate((comparison,))))
+        assert (data["code"], len(data["comparisons"][0]["lines"])) == (2, len(comparison.lines))
+        (line,) = [line for line in data["comparisons"][0]["lines"] if line["state"] == "regressed"]
+        assert (line["baseline"], line["measured"]) == (0.025, 0.5)
+        assert line["allowed"] == pytest.approx(0.027)
+
+    def test_only_what_blocks_decides(self, comparison):
+        assert Gate((), (comparison,)).code == 0
+        assert Gate((comparison,)).code == 2
+
+    def test_a_terminal_gets_a_table(self, comparison):
+        out = io.StringIO()
+        show(comparison, Console(file=out, force_terminal=True, width=200))
+        assert "Verdict" in out.getvalue()
+        assert "\x1b[31mregressed" in out.getvalue()

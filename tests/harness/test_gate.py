@@ -6,6 +6,7 @@ import csv
 import json
 from importlib import resources
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -38,19 +39,74 @@ def test_measured_agrees_with_the_committed_baseline(harness: Shell, grid: str) 
 
 def test_tampered_baseline_fails_and_names_the_row(harness: Shell, grid: str, tmp_path: Path) -> None:
     true = json.loads(resources.files("reports.baselines").joinpath("quick.json").read_text())
-    row = next(r for r in true["rows"] if r["method"] == "bmm_ssc3d" and r["level"] == 0)
-    row["metrics"]["e_3d"] *= 0.8
+    cells = [r for r in true["rows"] if r["method"] == "bmm_ssc3d" and r["level"] == 0]
+    next(cell for cell in cells if cell["metric"] == "e_3d")["value"] *= 0.8
     path = tmp_path / "tampered.json"
     path.write_text(json.dumps(true))
     done = harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid)
     assert done.returncode == 1, done.stdout
-    (line,) = [line for line in done.stdout.splitlines() if "worse" in line and "e_3d" in line]
+    (line,) = [line for line in done.stdout.splitlines() if " regressed: " in line]
     assert "person_face bmm_ssc3d" in line
-    row["method"] = "gone"
+    assert "e_3d regressed" in line
+    for cell in cells:
+        cell["method"] = "gone"
     path.write_text(json.dumps(true))
     assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 2
     path.write_text("{")
     assert harness("compare", f"compare.baseline={path}", HARNESS_OUTPUT=grid).returncode == 3
+
+
+def test_every_format_says_the_same(harness: Shell, grid: str, tmp_path: Path) -> None:
+    names = {"markdown": "summary.md", "junit": "report.xml", "json": "gate.json"}
+    options = [word for name, file in names.items() for word in (f"--{name}", str(tmp_path / file))]
+    assert harness("compare", *options, "--all", HARNESS_OUTPUT=grid).returncode == 0
+    data = json.loads((tmp_path / "gate.json").read_text())
+    (suite,) = ElementTree.parse(tmp_path / "report.xml").getroot()
+    assert len(suite) == len(data["comparisons"][0]["lines"]) > 10
+    assert not suite.findall(".//failure")
+    assert (tmp_path / "summary.md").read_text().startswith("## Passed\n")
+
+
+WORSE = '''
+from methods import bmm
+
+
+class WrongSign(bmm.BMM):
+    """BMM whose nuclear-norm step grows the singular values that it should shrink."""
+
+    def reconstruct(self, *arguments, **more):
+        right = bmm.singular_value_threshold
+
+        def wrong(M, threshold):
+            shrunk, norm = right(M, threshold)
+            return 2 * M - shrunk, norm
+
+        bmm.singular_value_threshold = wrong
+        return super().reconstruct(*arguments, **more)
+'''
+
+
+def test_a_worsened_method_is_caught(
+    harness: Shell, naughty_package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong sign, and a looser stop."""
+    (naughty_package / "worse.py").write_text(WORSE)
+    info = naughty_package / "worse-1.0.dist-info"
+    info.mkdir(exist_ok=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: worse\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[nrsfm_harness.algorithms]\nwrong_sign = worse:WrongSign\n")
+    monkeypatch.syspath_prepend(str(naughty_package))
+    path = tmp_path / "mine.json"
+    scene = ("method=bmm_ssc3d", "dataset.frames=60", "dataset.points=16")
+    harness("run", *scene)
+    assert harness("bless", str(path), *scene, "--reason", "as it is").returncode == 0
+    assert harness("compare", *scene, f"compare.baseline={path}").returncode == 0
+    for worse in ("method.reconstructor.algorithm=wrong_sign", "method.reconstructor.tol=0.1"):
+        assert harness("run", *scene, worse).returncode == 0
+        done = harness("compare", *scene, worse, f"compare.baseline={path}")
+        assert done.returncode == 1, (worse, done.stdout)
+        assert "e_3d regressed" in done.stdout
+        assert done.stdout.splitlines()[-1].startswith("Against the blessed baseline: ")
 
 
 def test_nothing_measured_is_missing(harness: Shell) -> None:
@@ -78,10 +134,12 @@ def test_report_writes_every_format_of_one_table(harness: Shell, grid: str, tmp_
     measured = {r["method"]: r for r in rows if r["metric"] == "e_ms"}
     assert set(measured) == {"ours", "bmm_ssc3d", "ssc2d_bmm", "ssc2d", "edsc"}
     assert all(len(r["trial_key"]) == 16 for r in rows if r.get("trial_key") and ";" not in r["trial_key"])
-    assert len(list((folder / "figures").glob("*.png"))) == 6
-    before = {p.name: p.read_bytes() for p in folder.glob("quick*")}
+    assert len(list((folder / "figures").glob("quick_person_face_*.png"))) == 6
+    claims = json.loads((folder / "claims.json").read_text())
+    assert [claim["number"] for claim in claims] == list(range(1, 11))
+    before = {p.name: p.read_bytes() for p in folder.glob("*.*")}
     assert harness("report", "quick", "--folder", str(folder), "--quiet", HARNESS_OUTPUT=grid).returncode == 0
-    assert {p.name: p.read_bytes() for p in folder.glob("quick*")} == before
+    assert {p.name: p.read_bytes() for p in folder.glob("*.*")} == before
 
 
 def test_report_of_nothing_says_so_and_still_writes(harness: Shell, tmp_path: Path) -> None:

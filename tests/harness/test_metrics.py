@@ -155,6 +155,20 @@ def test_estimated_cameras_are_judged_up_to_one_orthogonal_matrix(
     assert moved["e_3d_dai_cam"] == pytest.approx(plain["e_3d_dai_cam"], rel=0.02)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_e_3d_is_the_mean_of_its_frames(
+    small_scene: Scene, estimate: Reconstruction, rng: np.random.Generator, known: bool
+) -> None:
+    Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    turned = replace(estimate, structure=Q @ estimate.structure, cameras=estimate.cameras @ Q.T)
+    frames = metrics.by_frame(small_scene, turned, known_cameras=known)
+    assert frames["frame_e_3d"].shape == (len(small_scene.tracks),)
+    expected = metrics.evaluate(small_scene, turned, known_cameras=known)["e_3d"]
+    assert frames["frame_e_3d"].mean() == pytest.approx(expected)
+    if known:
+        np.testing.assert_array_equal(frames["alignment"], np.eye(3))
+
+
 def test_known_cameras_forgive_no_rotation(small_scene: Scene, estimate: Reconstruction) -> None:
     flipped = replace(estimate, structure=-estimate.structure)
     assert metrics.evaluate(small_scene, flipped, known_cameras=True)["e_3d"] > 1.5

@@ -87,6 +87,19 @@ def test_an_experiment_can_be_narrowed(harness: Shell, tmp_path: Path, words: li
     assert n == {1: 5, 2: 1}[len(words)] if "noise.level=0" in words else n == 4
 
 
+def test_a_sweep_ends_with_the_table_that_it_filled(harness: Shell) -> None:
+    small = ("dataset.points=8", "dataset.frames=12", "noise.level=0")
+    done = harness("run", "+experiment=quick", *small, "method=edsc,ssc2d")
+    assert "Experiment quick" in done.stdout
+    assert "quick: no published numbers, 2 of 4 cells measured." in done.stdout
+    again = harness("run", "-m", *small, "method=edsc,ssc2d")  # nothing to run, and the same numbers
+    rows = [[line.split() for line in text.splitlines() if " SSC(2D) " in line] for text in (done.stdout, again.stdout)]
+    assert rows[0] == rows[1] != []
+    assert "This sweep" in again.stdout
+    one = harness("run", *small, "method=edsc")
+    assert "Dataset" not in one.stdout  # one trial is no sweep
+
+
 def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: Path) -> None:
     assert shell("run", "method=ours_printed", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)

@@ -139,6 +139,8 @@ def test_hopkins155_asks_for_every_scene() -> None:
         ["+experiment=table1"],
         ["+experiment=table1", "dataset.motion=native", "dataset.placement=[3,0,0]"],
         ["+experiment=quick"],
+        ["+experiment=single_body"],
+        ["method=ours,edsc,bmm_ssc3d", "dataset=procedural,dance_yoga", "cameras=known,estimated"],
         ["+experiment=hopkins155", "dataset.scene=arm,three-cars"],
         ["method=ours,edsc", "noise.level=0,0.02", "+method.how=a"],
         ["~method.clusterer", "method=edsc", "dataset.points=8,9"],

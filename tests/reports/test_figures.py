@@ -12,8 +12,11 @@ import scipy.sparse as sp
 from datasets.scene import Scene
 from harness.record import Outcome, UsageError
 from harness.report import renew
-from reports.figures import COLOURS, _binned, _matched, overview, save
+from reports.affinity import binned
+from reports.figures import overview, save
+from reports.labels import matched
 from reports.model import Verdict
+from reports.style import COLOURS
 from reports.tables import build
 
 
@@ -69,16 +72,16 @@ def test_a_sparse_affinity_is_drawn_as_the_dense_one(arrays: dict[str, np.ndarra
 
 def test_a_large_affinity_is_summed_over_cells() -> None:
     pairs = (np.array([0, 999, 999]), np.array([1, 0, 998]))
-    image = _binned(sp.coo_array((np.array([2.0, 3.0, 4.0]), pairs), shape=(1000, 1000)), np.arange(1000)[::-1])
+    image = binned(sp.coo_array((np.array([2.0, 3.0, 4.0]), pairs), shape=(1000, 1000)), np.arange(1000)[::-1])
     assert image.shape == (400, 400) and image.sum() == 9
     assert (image[399, 399], image[0, 399], image[0, 0]) == (2, 3, 4)
 
 
 def test_clusters_take_the_names_of_their_bodies() -> None:
     truth = np.repeat([0, 1], 5)
-    assert (_matched(1 - truth, truth) == truth).all()
+    assert (matched(1 - truth, truth) == truth).all()
     split = np.array([7, 7, 7, 7, 3, 2, 2, 2, 2, 2])
-    named = _matched(split, truth)
+    named = matched(split, truth)
     assert named[[0, 5]].tolist() == [0, 1]
     assert named[4] not in (0, 1)
     assert len(set(COLOURS)) == len(COLOURS)

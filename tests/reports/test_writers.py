@@ -12,15 +12,18 @@ from html.parser import HTMLParser
 import pytest
 from rich.console import Console
 
-from harness.report import summary, tables, write
+from harness.report import Report, write
 from reports import writers
+from reports.claims import Evidence, judge
+from reports.page import page, plotly
 from reports.tables import build
 from reports.tidy import from_json, records
 
 HOSTILE = (
     "<script>alert(1)</script> \\input{/etc/passwd} a|b & 100% $x_1^2$ #1 ~ `*x*` [y](javascript:z)\nnext & \x1b[2J"
 )
-VOID = {"meta", "br"}
+VOID = {"meta", "br", "input"}
+PROGRAMS = 3  # in the page: its data, the library and its own
 
 
 @pytest.fixture
@@ -148,9 +151,11 @@ class TestEveryFormat:
 
 class TestHtml:
     def test_hostile_text_makes_no_element(self, hostile):
-        for text in (writers.html(hostile), writers.fragment(hostile)):
+        judged = judge(Evidence([], lambda _: {}))
+        whole = page([hostile], [], judged, {}, lambda _: {}).replace(plotly(), "")
+        for text in (writers.html(hostile), whole):
             seen = Tags(text).seen
-            assert "script" not in {tag for tag, _ in seen}
+            assert [tag for tag, _ in seen].count("script") == (PROGRAMS if text is whole else 0)
             assert not [name for _, attributes in seen for name in attributes if name.startswith("on")]
             assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
             assert "\x1b" not in text
@@ -291,33 +296,35 @@ class TestConsole:
 class TestReport:
     def test_every_format_of_every_table_in_one_folder(self, tmp_path, table1_answers, table2_answers):
         answers = {"table1": table1_answers, "table2": table2_answers}
-        files = write(answers, tmp_path / "a" / "report")
+        report = Report(answers)
+        files = write(report, tmp_path / "a" / "report")
         assert sorted(p.name for p in files) == sorted(p.name for p in (tmp_path / "a" / "report").iterdir())
-        assert {p.name for p in files} == {f"table{n}{end}" for n in (1, 2) for end in writers.FORMATS}
-        built = {table.name: table for table in tables(answers)}
+        formats = {f"table{n}{end}" for n in (1, 2) for end in writers.FORMATS}
+        assert {p.name for p in files} == formats | {"index.html", "claims.json"}
+        built = {table.name: table for table in report.tables}
         for name, ending in itertools.product(answers, writers.FORMATS):
             text = (tmp_path / "a" / "report" / f"{name}{ending}").read_bytes()
             assert text == writers.FORMATS[ending](built[name]).encode()
         before = {p: p.read_bytes() for p in files}
-        assert {p: p.read_bytes() for p in write(answers, tmp_path / "a" / "report")} == before
-        assert summary(tables(answers)).splitlines()[1].startswith("Table 2: ")
+        assert {p: p.read_bytes() for p in write(Report(answers), tmp_path / "a" / "report")} == before
+        assert report.summary.splitlines()[1].startswith("Table 2: ")
 
     def test_a_table_that_no_paper_prints_has_no_paper_layout(self, tmp_path, answer):
         answers = {"quick": [answer("person_face", "ours", 1)]}
-        assert "quick_paper.tex" not in {path.name for path in write(answers, tmp_path)}
+        assert "quick_paper.tex" not in {path.name for path in write(Report(answers), tmp_path)}
         out = io.StringIO()
-        writers.console(*tables(answers), Console(file=out))
+        writers.console(*Report(answers).tables, Console(file=out))
         assert "paper" not in out.getvalue()
 
     def test_nothing_is_written_if_one_table_cannot_be(self, tmp_path, table1_answers):
         with pytest.raises(ValueError, match="table name"):
-            write({"table1": table1_answers, "../x": []}, tmp_path / "report")
+            write(Report({"table1": table1_answers, "../x": []}), tmp_path / "report")
         assert not (tmp_path / "report").exists()
 
     def test_a_folder_that_is_a_file(self, tmp_path):
         (tmp_path / "report").write_text("")
         with pytest.raises(ValueError, match="cannot write the report"):
-            write({"table1": []}, tmp_path / "report")
+            write(Report({"table1": []}), tmp_path / "report")
 
     def test_json_is_strict(self, tmp_path, mixed):
         json.loads(writers.json_text(mixed), parse_constant=lambda name: pytest.fail(name))
