@@ -42,6 +42,15 @@ def test_bmm_and_ours(data_folder: Path, pair: str) -> None:
     assert ours["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
 
 
+@pytest.mark.parametrize("pair", ["dance_yoga", "stretch_yoga"])
+def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str) -> None:
+    """And its structure is nearer to the truth than the one that reproduces the noisy tracks."""
+    noisy = scene(data_folder, pair).with_noise(0.01, 0)
+    bmm, ours = measured(noisy, "bmm"), measured(noisy, "ours")
+    assert ours["n_wrong"] == 0
+    assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
+
+
 @pytest.mark.parametrize("pair", ["shark_stretch", "shark_yoga"])
 def test_ssc_with_all_coefficients_fails_on_the_shark_as_published(data_folder: Path, pair: str) -> None:
     assert 45 <= measured(scene(data_folder, pair), "ssc2d")["n_wrong"] <= 60

@@ -126,7 +126,15 @@ def test_killed_sweep_loses_no_finished_trial(
     shell: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, moment: int
 ) -> None:
     """kill -9 after some trials are finished; the second start keeps them and runs the rest."""
-    words = ["run", "-m", *ODD, "+method.how=slow", "noise.repeat=range(6)", f"hydra/launcher={launcher}"]
+    words = [
+        "run",
+        "-m",
+        *ODD,
+        "+method.how=slow",
+        "noise.level=0.01",
+        "noise.repeat=range(6)",
+        f"hydra/launcher={launcher}",
+    ]
     sweep = subprocess.Popen(
         [sys.executable, "-m", "harness", *words], env=environment, cwd=tmp_path, start_new_session=True,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -151,7 +159,17 @@ def test_killed_sweep_loses_no_finished_trial(
 
 
 def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "harness", "run", "-m", *ODD, "+method.how=slow", "noise.repeat=0,1,2"]
+    command = [
+        sys.executable,
+        "-m",
+        "harness",
+        "run",
+        "-m",
+        *ODD,
+        "+method.how=slow",
+        "noise.level=0.01",
+        "noise.repeat=0,1,2",
+    ]
     both = [
         subprocess.Popen(
             command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -215,7 +233,7 @@ def test_sweep_of_a_name_used_before_counts_its_own(harness: Shell) -> None:
 
 def test_workers_end_with_the_sweep(environment: dict[str, str], tmp_path: Path) -> None:
     """kill -9 of the sweep's process alone: no worker idles on, no trial computes on."""
-    words = [*ODD, "+method.how=hang", "noise.repeat=0,1", "hydra/launcher=joblib"]
+    words = [*ODD, "+method.how=hang", "noise.level=0.01", "noise.repeat=0,1", "hydra/launcher=joblib"]
     sweep = subprocess.Popen(
         [sys.executable, "-m", "harness", "run", "-m", *words], env=environment, cwd=tmp_path,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
