@@ -86,6 +86,8 @@ def test_convergence_reads_the_curves() -> None:
     runs = [run(pair, "ours") for pair in PAIRS]
     assert verdict(6, runs, CURVES) == HELD
     assert verdict(6, runs, CURVES | {"history_code": np.full(100, 0.5)}) == NOT_HELD
+    assert verdict(6, runs, CURVES | {"history_code": np.full(100, 0.0005)}) == HELD
+    assert verdict(6, runs, CURVES | {"history_seconds": np.full(100, 0.5)}) == HELD
     assert verdict(6, runs, CURVES | {"history_objective": np.arange(1.0, 101)}) == NOT_HELD
     assert verdict(6, runs) == NOT_TESTED
 
