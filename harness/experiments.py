@@ -178,6 +178,11 @@ def configurations() -> Iterator[None]:
                 yield
     except (HydraException, OmegaConfBaseException) as error:
         raise UsageError(one_line(error)) from None
+    except ValueError as error:
+        if isinstance(error, UsageError) or not str(error).startswith("Config group override"):
+            raise
+        remedy = "a group takes the name of one of its files (noise=gaussian), a key its value (noise.level=0.01)"
+        raise UsageError(f"{one_line(error)}: {remedy}") from None
 
 
 def compose_config(overrides: Sequence[str] = ()) -> DictConfig:

@@ -255,6 +255,7 @@ def test_a_method_counts_the_bodies_when_it_is_asked_to(settings: Settings, bodi
     "overrides",
     [
         ["noise.level=-1"],
+        ["noise=1"],
         ["noise.repeat=0.5"],
         ["gaps=random", "gaps.share=1"],
         ["gaps=random", "gaps.share=some"],
