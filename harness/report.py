@@ -19,6 +19,7 @@ from harness.storage import write_text
 from reports import claims
 from reports.catalogue import charts
 from reports.charts import Chart
+from reports.findings import Evidence, Judged
 from reports.grid import Tracked
 from reports.page import page
 from reports.runs import Fetch
@@ -59,8 +60,8 @@ class Report:
         return charts(self.answers, self.fetch)
 
     @cached_property
-    def judged(self) -> list[claims.Judged]:
-        return claims.judge(claims.Evidence(self.evidence, self.fetch))
+    def judged(self) -> list[Judged]:
+        return claims.judge(Evidence(self.evidence, self.fetch))
 
     @property
     def runs(self) -> dict[str, Tracked]:

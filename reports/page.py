@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from harness.record import UsageError
 from reports.charts import Chart
-from reports.claims import Judged
+from reports.findings import Judged
 from reports.grid import Tracked
 from reports.model import Table, Verdict
 from reports.runs import Fetch, details

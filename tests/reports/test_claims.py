@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from reports import claims
-from reports.claims import HELD, LEVELS, NOISY, NOT_HELD, NOT_TESTED, PAIRS, Evidence, judge
+from reports.claims import LEVELS, NOISY, PAIRS, judge
+from reports.findings import HELD, NOT_HELD, NOT_TESTED, UMPM, Evidence
 from tests.reports.conftest import Tracked, make_answer
 
 CURVES = {"history_objective": np.ones(100), "history_shape": np.geomspace(1, 1e-6, 100)}
@@ -45,9 +46,9 @@ def test_three_bodies() -> None:
 
 
 def test_umpm_allows_one_track_on_one_take() -> None:
-    takes = [run(take, "ours", int(take == "p4_meet_12")) for take in claims.UMPM]
+    takes = [run(take, "ours", int(take == "p4_meet_12")) for take in UMPM]
     assert verdict(2, takes) == HELD
-    assert verdict(2, [*takes[1:], run(claims.UMPM[0], "ours", 1)]) == NOT_HELD
+    assert verdict(2, [*takes[1:], run(UMPM[0], "ours", 1)]) == NOT_HELD
 
 
 def grid(ours: Any, rival: Any) -> list[Tracked]:

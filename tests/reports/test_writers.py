@@ -14,7 +14,8 @@ from rich.console import Console
 
 from harness.report import Report, write
 from reports import writers
-from reports.claims import Evidence, judge
+from reports.claims import judge
+from reports.findings import Evidence
 from reports.page import page, plotly
 from reports.tables import build
 from reports.tidy import from_json, records
