@@ -10,6 +10,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from sklearn.cluster import KMeans
 
 from methods.base import Array, Labels, MethodError
+from methods.cuts import normalised_cut, recursive_cut
 
 TINY = float(np.finfo(float).tiny)
 
@@ -21,6 +22,10 @@ def spectral_clustering(
     affinity: Array | sp.sparray, n_clusters: int | None, *, restarts: int = 20, seed: int = 0
 ) -> Labels:
     """Cut a graph into clusters by the leading eigenvectors of its normalised affinity.
+
+    K-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Of a sparse graph, where a long thin arm of a cluster
+    draws the means away from the cut, splits along one eigenvector at a time stand beside it, and the cheaper of both
+    normalised cuts is taken.
 
     Parameters
     ----------
@@ -45,7 +50,8 @@ def spectral_clustering(
 
     References
     ----------
-    Ng, Jordan, Weiss, "On spectral clustering: analysis and an algorithm", NIPS 2001.
+    Ng, Jordan, Weiss, "On spectral clustering: analysis and an algorithm", NIPS 2001. Shi, Malik, "Normalized cuts and
+    image segmentation", PAMI 2000.
     """
     if n_clusters is not None and affinity.shape[0] < n_clusters:
         raise MethodError(f"cannot cut {affinity.shape[0]} tracks into {n_clusters} clusters")
@@ -56,7 +62,12 @@ def spectral_clustering(
     if n_clusters == 1:
         return np.zeros(affinity.shape[0], dtype=np.int64)
     rows = embedding(affinity, n_clusters)
-    return KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
+    labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
+    if not sp.issparse(affinity):
+        return labels
+    A = _without_loops(affinity)
+    split = recursive_cut(A, n_clusters, lambda part: leading(part, 2)[1][:, 0])
+    return min((labels, split), key=lambda tried: normalised_cut(A, tried))
 
 
 def count_clusters(affinity: Array | sp.sparray, most: int = MOST) -> tuple[int, float]:
@@ -105,7 +116,7 @@ def embedding(affinity: Array | sp.sparray, n_vectors: int) -> Array:
 def leading(affinity: Array | sp.sparray, n_vectors: int) -> tuple[Array, Array]:
     """The ``n_vectors`` largest eigenvalues of D^-1/2 A D^-1/2 in ascending order, and their eigenvectors."""
     if sp.issparse(affinity):
-        return _sparse_leading(sp.csr_array(affinity), n_vectors)
+        return _sparse_leading(_without_loops(affinity), n_vectors)
     A = affinity - np.diag(np.diag(affinity))
     n = len(A)
     root = 1 / np.sqrt(np.maximum(A.sum(axis=1), TINY**0.5))
@@ -114,14 +125,20 @@ def leading(affinity: Array | sp.sparray, n_vectors: int) -> tuple[Array, Array]
     return values, U
 
 
+def _without_loops(affinity: sp.sparray) -> sp.csr_array:
+    """The graph in double precision, its diagonal left out."""
+    A = sp.csr_array(affinity, dtype=float, copy=True)
+    A.setdiag(0)
+    A.eliminate_zeros()
+    return A
+
+
 def _sparse_leading(A: sp.csr_array, n_vectors: int) -> tuple[Array, Array]:
     """:func:`leading` of D^-1/2 A D^-1/2 by Lanczos from a fixed start; the same every time.
 
     Lanczos from one start cannot see that an eigenvalue is multiple, and 1 is so when the graph falls apart. Those
     eigenvectors are known, one a component, so they are taken (the heaviest first) and moved below all others, to -2.
     """
-    A = A.astype(float)
-    A.setdiag(0)
     n = A.shape[0]
     degree = np.asarray(A.sum(axis=1)).ravel()
     root = 1 / np.sqrt(np.maximum(degree, TINY**0.5))

@@ -9,6 +9,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from harness.metrics import n_wrong
 from methods.base import MethodError
+from methods.cuts import normalised_cut, recursive_cut
 from methods.edsc import EDSC, dense_code
 from methods.spectral import leading, spectral_clustering
 from methods.ssc import SSC, code_affinity, sparse_code
@@ -167,3 +168,41 @@ def test_sparse_eigenvectors_are_the_leading_ones(rng: np.random.Generator) -> N
     np.testing.assert_allclose(values, top, atol=1e-10)
     np.testing.assert_allclose(np.linalg.eigvalsh(U.T @ normalised @ U), top, atol=1e-10)
     assert np.abs(normalised @ U - U @ (U.T @ normalised @ U)).max() < 1e-8
+
+
+def _chain(n: int, weak: tuple[int, ...]) -> sp.csr_array:
+    """A path of n points whose edges have weight 1, and .01 behind the ``weak`` ones."""
+    weights = np.where(np.isin(np.arange(n - 1), weak), 0.01, 1.0)
+    return sp.csr_array(sp.diags_array([weights, weights], offsets=[-1, 1]))
+
+
+def test_normalised_cut_is_what_leaves_each_cluster_over_its_volume(rng: np.random.Generator) -> None:
+    A = rng.uniform(size=(12, 12))
+    A = np.triu(A, 1) + np.triu(A, 1).T
+    labels = np.arange(12) % 3
+    plain = sum(A[labels == k][:, labels != k].sum() / A[labels == k].sum() for k in range(3))
+    assert normalised_cut(sp.csr_array(A), labels) == pytest.approx(plain)
+
+
+@pytest.mark.parametrize("weak", [(30,), (9, 30), (9, 20, 30)])
+def test_recursive_cut_takes_the_weak_links_of_a_path(weak: tuple[int, ...]) -> None:
+    labels = recursive_cut(_chain(60, weak), len(weak) + 1, lambda part: leading(part, 2)[1][:, 0])
+    assert tuple(np.flatnonzero(np.diff(labels))) == weak
+
+
+def test_a_split_is_the_cheapest_prefix(rng: np.random.Generator) -> None:
+    A = sp.random_array((40, 40), density=0.2, rng=rng)
+    A = sp.csr_array(A + A.T)
+    A.setdiag(0)
+    second = rng.standard_normal(40)
+    order = np.argsort(second / np.sqrt(np.maximum(A.sum(axis=1), 1e-150)), kind="stable")
+    labels = recursive_cut(A, 2, lambda _: second)
+    prefixes = [np.isin(np.arange(40), order[:k]).astype(np.int64) for k in range(1, 40)]
+    assert normalised_cut(A, labels) == pytest.approx(min(normalised_cut(A, p) for p in prefixes))
+
+
+def test_sparse_graph_gets_the_cheaper_of_both_cuts(rng: np.random.Generator) -> None:
+    """A long tail in one cluster draws the means of k-means over the weak link; the cheaper cut is at the link."""
+    A = _chain(400, (60,))
+    labels = spectral_clustering(A, 2)
+    assert normalised_cut(A, labels) <= normalised_cut(A, (np.arange(400) > 60).astype(np.int64)) + 1e-12
