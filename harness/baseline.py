@@ -18,7 +18,7 @@ LARGEST_REASON = 2000
 BLESSED = ("n_wrong", "e_3d", "e_3d_total", "e_3d_centred", "e_3d_procrustes", "e_3d_dai", "e_r")
 """Metrics that a baseline keeps. ``n_wrong`` stands for e_ms, so that no share of tracks is rounded."""
 
-Key = tuple[str, str, str, str, str, float, bool]
+Key = tuple[str, str, str, str, str, float, str, bool]
 
 
 def rounded(value: float) -> float:
@@ -32,7 +32,7 @@ class Blessed:
 
     Parameters
     ----------
-    dataset, method, cameras, placement, motion, level
+    dataset, method, cameras, placement, motion, level, gaps
         As in :class:`harness.record.Outcome`.
     stand_in : bool
         Measured on generated data; never compared with real data.
@@ -52,6 +52,7 @@ class Blessed:
     placement: str
     motion: str
     level: float
+    gaps: str = ""
     stand_in: bool = False
     status: str = OK
     n_points: int | None = None
@@ -62,7 +63,8 @@ class Blessed:
     @property
     def key(self) -> Key:
         """Real and generated data make two rows."""
-        return (self.dataset, self.method, self.cameras, self.placement, self.motion, self.level, self.stand_in)
+        words = (self.dataset, self.method, self.cameras, self.placement, self.motion)
+        return (*words, self.level, self.gaps, self.stand_in)
 
     @property
     def other(self) -> Key:
@@ -73,7 +75,8 @@ class Blessed:
     def title(self) -> str:
         """``dance_yoga ours (cameras known, placement paper, motion registered)``."""
         said = [f"{name} {word}" for name in ("cameras", "placement", "motion") if (word := getattr(self, name))]
-        said += [f"noise {self.level:g}"] * bool(self.level) + ["stand-in"] * self.stand_in
+        said += [f"noise {self.level:g}"] * bool(self.level) + [f"gaps {self.gaps}"] * bool(self.gaps)
+        said += ["stand-in"] * self.stand_in
         return f"{self.dataset} {self.method} ({', '.join(said)})"
 
     @classmethod
@@ -92,6 +95,7 @@ class Blessed:
             first.placement,
             first.motion,
             float(first.level),
+            first.gaps,
             first.stand_in,
             status,
             first.n_points if len({o.n_points for o in draws}) == 1 else None,
@@ -104,6 +108,7 @@ class Blessed:
         """One flat record a metric; one without a number for a row that did not finish."""
         words = ("dataset", "method", "cameras", "placement", "motion", "level", "stand_in", "status", "n_points")
         shared = {name: getattr(self, name) for name in words if getattr(self, name) is not None}
+        shared |= {"gaps": self.gaps} if self.gaps else {}
         behind = {"count": len(self.trials), "trials": list(self.trials)}
         numbers = [
             {"metric": name, "value": value, "spread": self.spreads.get(name, 0.0)}
@@ -236,7 +241,7 @@ def _cell(row: Fields) -> Blessed:
     """A row with one metric at most."""
     words = ("dataset", "method", "cameras", "placement", "motion")
     numbers = ("metric", "value", "spread")
-    row.only((*words, "level", "stand_in", "status", "count", "trials"), (*numbers, "n_points"))
+    row.only((*words, "level", "stand_in", "status", "count", "trials"), ("gaps", *numbers, "n_points"))
     status = row.text("status")
     if status not in STATUSES:
         row.wrong("status", f"is {status!r}, wanted one of {', '.join(STATUSES)}")
@@ -244,7 +249,7 @@ def _cell(row: Fields) -> Blessed:
         row.wrong("metric", f"{'is there' if status != OK else 'is missing'}, and the status is {status}")
     metrics, spreads = {}, {}
     if status == OK:
-        row.only((*words, "level", "stand_in", "status", "count", "trials", *numbers), ("n_points",))
+        row.only((*words, "level", "stand_in", "status", "count", "trials", *numbers), ("gaps", "n_points"))
         name = row.text("metric", 60)
         if not name.isidentifier():
             row.wrong("metric", f"is {name!r}, wanted a metric's name")
@@ -256,6 +261,7 @@ def _cell(row: Fields) -> Blessed:
         placement=row.text("placement", empty=True),
         motion=row.text("motion", empty=True),
         level=row.number("level"),
+        gaps=row.text("gaps") if "gaps" in row.data else "",
         stand_in=row.flag("stand_in"),
         status=status,
         n_points=row.count("n_points") if "n_points" in row.data else None,

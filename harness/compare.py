@@ -163,7 +163,7 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
     rows: dict[Any, Blessed] = {}
     for outcome in outcomes:
         row = replace(Blessed.of([outcome]), stand_in=False, status=OK, trials=())
-        if outcome.level or outcome.parameters.get("gaps") or row.key in rows:
+        if outcome.level or outcome.gaps or row.key in rows:
             continue
         metrics: dict[str, float] = {}
         points = outcome.n_points

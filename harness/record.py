@@ -26,6 +26,11 @@ def digest(value: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def gap_words(gaps: Mapping[str, Any]) -> str:
+    """``random 0.2`` of a trial's gaps, "" where there are none."""
+    return f"{gaps['kind']} {gaps['share']:g}" if gaps else ""
+
+
 @dataclass(frozen=True)
 class Trial:
     """One method on one scene under one setting: the resolved configuration, without paths.
@@ -62,7 +67,7 @@ class Trial:
         if self.noise["level"]:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
         if self.gaps:
-            words.append(f"gaps={self.gaps['kind']} {self.gaps['share']:g}")
+            words.append(f"gaps={gap_words(self.gaps)}")
         if self.n_bodies == AUTO:
             words.append("n_bodies=auto")
         if self.cameras["source"] != "known":
@@ -110,9 +115,15 @@ class Outcome:
             raise ValueError(f"metrics must be finite, these are not: {', '.join(odd)}")
 
     @property
+    def gaps(self) -> str:
+        """``random 0.2``: the observations that were dropped; "" for none."""
+        return gap_words(self.parameters.get("gaps", {}))
+
+    @property
     def identity(self) -> tuple[Any, ...]:
         """What a reader calls the row, whatever the method's settings: names a baseline's row."""
-        return (self.dataset, self.method, self.cameras, self.placement, self.motion, self.level, self.repeat)
+        words = (self.dataset, self.method, self.cameras, self.placement, self.motion)
+        return (*words, self.level, self.gaps, self.repeat)
 
     def to_json(self) -> str:
         """JSON with absent values left out."""

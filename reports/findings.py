@@ -92,12 +92,13 @@ class Evidence:
     Parameters
     ----------
     runs : iterable of Tracked
-        Oldest first; the newest of one trial stands.
+        Oldest first; the newest of one trial stands. Runs with gaps, or that had to count the bodies, are left out.
     fetch : callable
     """
 
     def __init__(self, runs: Iterable[Tracked], fetch: Fetch) -> None:
-        self._runs: dict[tuple[Any, ...], Tracked] = {run.outcome.identity: run for run in runs}
+        told = (run for run in runs if not run.outcome.gaps and "n_bodies_found" not in run.outcome.metrics)
+        self._runs: dict[tuple[Any, ...], Tracked] = {run.outcome.identity: run for run in told}
         self._fetch = fetch
 
     def find(self, dataset: str, method: str, level: float = 0.0, placement: str = "paper") -> list[Outcome]:
@@ -112,7 +113,12 @@ class Evidence:
         found = [r for r in self._runs.values() if (r.outcome.dataset, r.outcome.method, r.outcome.level) == wanted]
         if dataset in UMPM:  # as captured, cameras from the tracks
             return found
-        return [r for r in found if r.outcome.placement in (placement, "") and r.outcome.cameras == "known"]
+        return [r for r in found if self._usual(r.outcome, placement)]
+
+    @staticmethod
+    def _usual(outcome: Outcome, placement: str) -> bool:
+        known = outcome.cameras == "known" and outcome.motion in ("registered", "")
+        return known and outcome.placement in (placement, "")
 
     def mean(self, metric: str, *where: Any, **more: Any) -> float | None:
         """The metric's mean over draws; None if any of :meth:`find`'s runs lacks it, or there is none."""

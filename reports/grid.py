@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from harness.record import OK, Outcome, Trial, digest
+from harness.record import OK, Outcome, Trial, digest, gap_words
 from reports.design import Layout, Method
 from reports.model import Setting
 from reports.text import one_line
@@ -128,7 +128,7 @@ def _place(trial: Trial, design: Layout) -> Place:
         motion=_word(trial.dataset.get("motion", "")),
         scene=scene_words(trial.dataset),
         level=float(trial.noise.get("level", 0.0)),
-        gaps=one_line(f"{trial.gaps['kind']} {trial.gaps['share']:g}") if trial.gaps else "",
+        gaps=one_line(gap_words(trial.gaps)),
         bodies=trial.n_bodies,
     )
 

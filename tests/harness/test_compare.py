@@ -268,6 +268,15 @@ class TestBless:
         lines = first.read_text().splitlines()
         assert sum('"metric": "n_wrong"' in line for line in lines) == 4  # a cell a line
 
+    def test_gaps_make_rows_of_their_own(self, tmp_path):
+        gaps = [{"gaps": {"kind": kind, "share": share}} for kind in ("random", "stretches") for share in (0.1, 0.2)]
+        runs = [outcome(key=str(i), parameters=parameters) for i, parameters in enumerate([{}, *gaps])]
+        path = tmp_path / "b.json"
+        bless(runs, path, "with gaps", DAY)
+        said = {row.title for row in Baseline.read(path).rows}
+        assert len(said) == 5
+        assert any("gaps stretches 0.2" in title for title in said)
+
     def test_draws_are_one_cell_with_their_spread(self, tmp_path):
         draws = [changed(outcome(level=0.02, repeat=r), e_3d=0.02 + r / 100) for r in range(3)]
         (row,) = bless(draws, tmp_path / "b.json", "why", DAY).rows

@@ -39,6 +39,20 @@ def test_all_pairs(number: int, placement: str) -> None:
     assert verdict(11 - number, runs) == NOT_TESTED  # the other placement says nothing
 
 
+@pytest.mark.parametrize("change", ["gaps", "counted", "native"])
+def test_runs_under_another_setting_say_nothing_of_a_claim(change: str) -> None:
+    """They bear the dataset and the method of the paper's runs and must not stand in their place."""
+    other = run(PAIRS[0], "ours", 9)
+    outcome = other.outcome
+    changed = {
+        "gaps": {"parameters": outcome.parameters | {"gaps": {"kind": "random", "share": 0.2}}},
+        "counted": {"metrics": outcome.metrics | {"n_bodies_found": 1.0}},
+        "native": {"motion": "native"},
+    }
+    other = replace(other, outcome=replace(outcome, **changed[change]))
+    assert verdict(1, [*(run(pair, "ours") for pair in PAIRS), other]) == HELD
+
+
 def test_three_bodies() -> None:
     assert verdict(9, [run("stretch_dance_yoga", "ours")]) == HELD
     assert verdict(9, [run("stretch_dance_yoga", "ours", 1)]) == NOT_HELD
