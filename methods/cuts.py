@@ -1,4 +1,4 @@
-"""Cuts of a sparse graph along one eigenvector at a time, where k-means in the embedding loses the cheapest cut."""
+"""Cuts of a graph along one eigenvector at a time, where k-means on the eigenvectors loses the cheapest cut."""
 
 from __future__ import annotations
 

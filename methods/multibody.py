@@ -40,6 +40,7 @@ from methods.spatial import Neighbours, SpatialProblem
 from methods.spectral import spectral_clustering
 
 FORMS = ("auto", "dense", "implicit")
+CUTS = ("means", "cheapest")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 
@@ -62,6 +63,9 @@ class MultiBody(Method):
         minimisation.
     seed : int
         Of k-means.
+    cut : {"means", "cheapest"}
+        ``means``: the labels are those of k-means on the eigenvectors. ``cheapest``: of these and of splits along one
+        eigenvector at a time, those of the smaller normalised cut, which tens of thousands of tracks need.
     spatial : float
         Weight of the spatial term over l1, for dense tracks with neighbours; 0 leaves it out.
     form : {"auto", "dense", "implicit"}
@@ -90,6 +94,7 @@ class MultiBody(Method):
         tol: float = 1e-8,
         diagonal: str = "threshold",
         seed: int = 0,
+        cut: str = "means",
         spatial: float = 0.0,
         form: str = "auto",
         dense_gb: float = 0.25,
@@ -105,6 +110,7 @@ class MultiBody(Method):
         self.tol = tol
         self.diagonal = diagonal
         self.seed = seed
+        self.cut = cut
         self.spatial = spatial
         self.form = form
         self.dense_gb = dense_gb
@@ -143,7 +149,7 @@ class MultiBody(Method):
         code = abs(to_numpy(state.E)[:, : tracks.shape[2]])
         affinity = code + code.T
         return Reconstruction(
-            labels=spectral_clustering(affinity, n_bodies, seed=self.seed),
+            labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cheapest=self.cut == "cheapest"),
             structure=to_numpy(state.S) * data.scale,
             cameras=cameras,
             affinity=affinity,
@@ -175,7 +181,7 @@ class MultiBody(Method):
         return Problem(W, cameras, self.l1, self.l2, self.diagonal)
 
     def _check_settings(self) -> None:
-        for name, words in (("diagonal", DIAGONALS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
+        for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
             check_word(self, name, words)
         for name in ("l1", "l2", "penalty", "max_penalty", "tol"):
             check_setting(self, name, 0)

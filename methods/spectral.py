@@ -19,13 +19,17 @@ MOST = 10
 
 
 def spectral_clustering(
-    affinity: Array | sp.sparray, n_clusters: int | None, *, restarts: int = 20, seed: int = 0
+    affinity: Array | sp.sparray,
+    n_clusters: int | None,
+    *,
+    restarts: int = 20,
+    seed: int = 0,
+    cheapest: bool = False,
 ) -> Labels:
     """Cut a graph into clusters by the leading eigenvectors of its normalised affinity.
 
-    K-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Of a sparse graph, where a long thin arm of a cluster
-    draws the means away from the cut, splits along one eigenvector at a time stand beside it, and the cheaper of both
-    normalised cuts is taken.
+    By k-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Where a long thin arm of a cluster draws the means
+    away from the cut, splits along one eigenvector at a time can be cheaper (Shi, Malik); ``cheapest`` tries both.
 
     Parameters
     ----------
@@ -37,6 +41,8 @@ def spectral_clustering(
         Starts of k-means; the tightest is kept.
     seed : int
         Of k-means. The result is deterministic.
+    cheapest : bool
+        Of k-means and :func:`methods.cuts.recursive_cut`, take the labels of the smaller normalised cut.
 
     Returns
     -------
@@ -63,7 +69,7 @@ def spectral_clustering(
         return np.zeros(affinity.shape[0], dtype=np.int64)
     rows = embedding(affinity, n_clusters)
     labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
-    if not sp.issparse(affinity):
+    if not cheapest:
         return labels
     A = _without_loops(affinity)
     split = recursive_cut(A, n_clusters, lambda part: leading(part, 2)[1][:, 0])

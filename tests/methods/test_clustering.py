@@ -201,8 +201,10 @@ def test_a_split_is_the_cheapest_prefix(rng: np.random.Generator) -> None:
     assert normalised_cut(A, labels) == pytest.approx(min(normalised_cut(A, p) for p in prefixes))
 
 
-def test_sparse_graph_gets_the_cheaper_of_both_cuts(rng: np.random.Generator) -> None:
-    """A long tail in one cluster draws the means of k-means over the weak link; the cheaper cut is at the link."""
+@pytest.mark.parametrize("dense", [False, True])
+def test_the_cheaper_of_both_cuts(dense: bool) -> None:
+    """A long tail in one cluster draws the means over the weak link; the cheaper cut is at the link."""
     A = _chain(400, (60,))
-    labels = spectral_clustering(A, 2)
+    labels = spectral_clustering(A.toarray() if dense else A, 2, cheapest=True)
+    assert normalised_cut(A, labels) < 0.5 * normalised_cut(A, spectral_clustering(A, 2))
     assert normalised_cut(A, labels) <= normalised_cut(A, (np.arange(400) > 60).astype(np.int64)) + 1e-12
