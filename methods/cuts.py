@@ -6,27 +6,28 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from methods.base import Array, Labels, Mask
+from methods.base import Array, Labels
 
-#: The second leading eigenvector of D^-1/2 A D^-1/2 of a sparse graph.
 Second = Callable[[sp.csr_array], Array]
 
 
-def normalised_cut(A: sp.csr_array, labels: Labels) -> float:
-    """Sum over clusters of the weight that leaves it over the weight of its points; 0 where nothing is joined.
+def normalised_cut(A: sp.csr_array, labels: Labels, n_clusters: int) -> float:
+    """Sum over clusters of the weight that leaves it over the weight of its points, between 0 and ``n_clusters``.
 
+    A cluster that is empty, or of points that nothing joins, counts as the dearest, 1: it is no cluster of the graph.
     Shi and Malik, "Normalized cuts and image segmentation", PAMI 2000, section 2.1, for any number of clusters.
     """
-    degree = np.asarray(A.sum(axis=1)).ravel()
-    rows, columns = sp.coo_array(A).coords
+    graph = sp.coo_array(A)
+    rows, columns = graph.coords
+    volume = np.bincount(labels[rows], graph.data, n_clusters)
     crossing = labels[rows] != labels[columns]
-    left = np.bincount(labels[rows[crossing]], sp.coo_array(A).data[crossing], labels.max() + 1)
-    volume = np.bincount(labels, degree)
-    return float(np.sum(left[volume > 0] / volume[volume > 0]))
+    leaving = np.bincount(labels[rows[crossing]], graph.data[crossing], n_clusters)
+    return float(np.divide(leaving, volume, out=np.ones(n_clusters), where=volume > 0).sum())
 
 
-def recursive_cut(A: sp.csr_array, n_clusters: int, second: Second) -> Labels:
+def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Second) -> Labels:
     """Clusters by splitting, again and again, the cluster whose cheapest split leaves the cheapest normalised cut.
 
     The split of a cluster is the best of all its prefixes in the order of the second eigenvector (Shi and Malik, PAMI
@@ -37,44 +38,46 @@ def recursive_cut(A: sp.csr_array, n_clusters: int, second: Second) -> Labels:
     A : (P, P) sparse array
         Symmetric, non-negative, its diagonal zero.
     n_clusters : int
+    vector : (P,) array
+        The second leading eigenvector of D^-1/2 A D^-1/2.
     second : callable
-        Gives the second leading eigenvector of D^-1/2 A D^-1/2.
+        Gives that of a part of the graph.
 
     Returns
     -------
     (P,) int array
-        Labels from 0; fewer than ``n_clusters`` where nothing is left to split.
+        Labels from 0; one may be empty where nothing is left to split.
     """
     labels = np.zeros(A.shape[0], dtype=np.int64)
-    sides: dict[int, Mask] = {}
+    sides = {0: _cheapest_prefix(A, vector)}
     for new in range(1, n_clusters):
-        sides |= {k: _split(A, labels == k, second) for k in range(new) if k not in sides}
-        tried = {k: np.where(side, new, labels) for k, side in sides.items() if side.any()}
-        if not tried:
-            break
-        best = min(tried, key=lambda k: normalised_cut(A, tried[k]))
+        for k in set(range(new)) - set(sides):
+            inside = np.flatnonzero(labels == k)
+            part = sp.csr_array(A[inside][:, inside])
+            sides[k] = inside[_cheapest_prefix(part, second(part))] if part.nnz else inside[:0]
+        tried = {k: _relabelled(labels, side, new) for k, side in sides.items()}
+        best = min(tried, key=lambda k: normalised_cut(A, tried[k], new + 1))
         labels = tried[best]
         del sides[best]
     return labels
 
 
-def _split(A: sp.csr_array, inside: Mask, second: Second) -> Mask:
-    """The points of a cluster that its cheapest prefix takes away, (P,) bool; none where it cannot be split."""
-    side = np.zeros(len(inside), dtype=bool)
-    places = np.flatnonzero(inside)
-    part = sp.csr_array(A[places][:, places])
-    degree = np.asarray(part.sum(axis=1)).ravel()
-    if len(places) < 3 or not degree.any():
-        return side
-    order = np.argsort(second(part) / np.sqrt(np.maximum(degree, np.finfo(float).tiny ** 0.5)), kind="stable")
+def _relabelled(labels: Labels, places: NDArray[np.int64], label: int) -> Labels:
+    labels = labels.copy()
+    labels[places] = label
+    return labels
+
+
+def _cheapest_prefix(A: sp.csr_array, vector: Array) -> NDArray[np.int64]:
+    """Of all prefixes of the points in the order of an eigenvector of D^-1/2 A D^-1/2, that of the cheapest cut."""
+    degree = np.asarray(A.sum(axis=1)).ravel()
+    order = np.argsort(vector / np.sqrt(np.maximum(degree, np.finfo(float).tiny ** 0.5)), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    whole = sp.coo_array(sp.triu(part, 1))
-    ends = np.sort(rank[np.stack(whole.coords)], axis=0)
-    steps = np.bincount(ends[0], whole.data, len(order)) - np.bincount(ends[1], whole.data, len(order))
+    edges = sp.coo_array(sp.triu(A, 1))
+    first, last = np.sort(rank[np.stack(edges.coords)], axis=0)
+    steps = np.bincount(first, edges.data, len(order)) - np.bincount(last, edges.data, len(order))
     cut, volume = np.cumsum(steps)[:-1], np.cumsum(degree[order])[:-1]
-    rest = degree.sum() - volume
-    able = (volume > 0) & (rest > 0)
-    cost = np.where(able, cut / np.where(able, volume, 1) + cut / np.where(able, rest, 1), np.inf)
-    side[places[order[: int(np.argmin(cost)) + 1]]] = True
-    return side
+    both = volume * (degree.sum() - volume)
+    cost = np.divide(cut * degree.sum(), both, out=np.full(len(cut), np.inf), where=both > 0)
+    return order[: int(np.argmin(cost)) + 1]

@@ -67,13 +67,14 @@ def spectral_clustering(
         n_clusters = count_clusters(affinity)[0]
     if n_clusters == 1:
         return np.zeros(affinity.shape[0], dtype=np.int64)
-    rows = embedding(affinity, n_clusters)
+    _, vectors = leading(affinity, n_clusters)
+    rows = unit_rows(vectors)
     labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
     if not cheapest:
         return labels
     A = _without_loops(affinity)
-    split = recursive_cut(A, n_clusters, lambda part: leading(part, 2)[1][:, 0])
-    return min((labels, split), key=lambda tried: normalised_cut(A, tried))
+    split = recursive_cut(A, n_clusters, vectors[:, -2], lambda part: leading(part, 2)[1][:, 0])
+    return min((labels, split), key=lambda tried: normalised_cut(A, tried, n_clusters))
 
 
 def count_clusters(affinity: Array | sp.sparray, most: int = MOST) -> tuple[int, float]:
@@ -110,12 +111,8 @@ def eigengaps(affinity: Array | sp.sparray, most: int = MOST) -> Array:
     return values[::-1][:-1] - values[::-1][1:]
 
 
-def embedding(affinity: Array | sp.sparray, n_vectors: int) -> Array:
-    """Rows of the ``n_vectors`` leading eigenvectors of D^-1/2 A D^-1/2, each scaled to unit length.
-
-    Steps 2 to 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001; D holds the row sums of A, whose diagonal is zero.
-    """
-    _, U = leading(affinity, n_vectors)
+def unit_rows(U: Array) -> Array:
+    """Rows scaled to unit length: step 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001."""
     return U / np.maximum(np.linalg.norm(U, axis=1, keepdims=True), TINY)
 
 
@@ -146,6 +143,8 @@ def _sparse_leading(A: sp.csr_array, n_vectors: int) -> tuple[Array, Array]:
     eigenvectors are known, one a component, so they are taken (the heaviest first) and moved below all others, to -2.
     """
     n = A.shape[0]
+    if not A.nnz:  # every vector is an eigenvector, and Lanczos finds none
+        return np.zeros(n_vectors), np.eye(n, n_vectors)
     degree = np.asarray(A.sum(axis=1)).ravel()
     root = 1 / np.sqrt(np.maximum(degree, TINY**0.5))
     count, part = connected_components(A, directed=False)

@@ -113,12 +113,8 @@ class Evidence:
         found = [r for r in self._runs.values() if (r.outcome.dataset, r.outcome.method, r.outcome.level) == wanted]
         if dataset in UMPM:  # as captured, cameras from the tracks
             return found
-        return [r for r in found if self._usual(r.outcome, placement)]
-
-    @staticmethod
-    def _usual(outcome: Outcome, placement: str) -> bool:
-        known = outcome.cameras == "known" and outcome.motion in ("registered", "")
-        return known and outcome.placement in (placement, "")
+        usual = [r for r in found if r.outcome.cameras == "known" and r.outcome.motion in ("registered", "")]
+        return [r for r in usual if r.outcome.placement in (placement, "")]
 
     def mean(self, metric: str, *where: Any, **more: Any) -> float | None:
         """The metric's mean over draws; None if any of :meth:`find`'s runs lacks it, or there is none."""

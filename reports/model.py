@@ -69,7 +69,7 @@ class Setting:
                 continue
             if f.name == "level":
                 said.append(f"noise {value:g}" if value else "no noise")
-            elif f.name == "gaps" and f.name in names and not value:
+            elif f.name == "gaps" and names and not value:
                 said.append("no gaps")
             elif value not in (None, ""):
                 said.append(value if f.name == "scene" else f"{f.name} {value}")

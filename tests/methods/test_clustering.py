@@ -181,12 +181,17 @@ def test_normalised_cut_is_what_leaves_each_cluster_over_its_volume(rng: np.rand
     A = np.triu(A, 1) + np.triu(A, 1).T
     labels = np.arange(12) % 3
     plain = sum(A[labels == k][:, labels != k].sum() / A[labels == k].sum() for k in range(3))
-    assert normalised_cut(sp.csr_array(A), labels) == pytest.approx(plain)
+    assert normalised_cut(sp.csr_array(A), labels, 3) == pytest.approx(plain)
+    assert normalised_cut(sp.csr_array(A), labels, 4) == pytest.approx(plain + 1)  # no cluster is never cheap
 
 
 @pytest.mark.parametrize("weak", [(30,), (9, 30), (9, 20, 30)])
 def test_recursive_cut_takes_the_weak_links_of_a_path(weak: tuple[int, ...]) -> None:
-    labels = recursive_cut(_chain(60, weak), len(weak) + 1, lambda part: leading(part, 2)[1][:, 0])
+    def second(part: sp.csr_array) -> np.ndarray:
+        return leading(part, 2)[1][:, 0]
+
+    A = _chain(60, weak)
+    labels = recursive_cut(A, len(weak) + 1, second(A), second)
     assert tuple(np.flatnonzero(np.diff(labels))) == weak
 
 
@@ -196,9 +201,9 @@ def test_a_split_is_the_cheapest_prefix(rng: np.random.Generator) -> None:
     A.setdiag(0)
     second = rng.standard_normal(40)
     order = np.argsort(second / np.sqrt(np.maximum(A.sum(axis=1), 1e-150)), kind="stable")
-    labels = recursive_cut(A, 2, lambda _: second)
+    labels = recursive_cut(A, 2, second, lambda _: second)
     prefixes = [np.isin(np.arange(40), order[:k]).astype(np.int64) for k in range(1, 40)]
-    assert normalised_cut(A, labels) == pytest.approx(min(normalised_cut(A, p) for p in prefixes))
+    assert normalised_cut(A, labels, 2) == pytest.approx(min(normalised_cut(A, p, 2) for p in prefixes))
 
 
 @pytest.mark.parametrize("dense", [False, True])
@@ -206,5 +211,14 @@ def test_the_cheaper_of_both_cuts(dense: bool) -> None:
     """A long tail in one cluster draws the means over the weak link; the cheaper cut is at the link."""
     A = _chain(400, (60,))
     labels = spectral_clustering(A.toarray() if dense else A, 2, cheapest=True)
-    assert normalised_cut(A, labels) < 0.5 * normalised_cut(A, spectral_clustering(A, 2))
-    assert normalised_cut(A, labels) <= normalised_cut(A, (np.arange(400) > 60).astype(np.int64)) + 1e-12
+    assert normalised_cut(A, labels, 2) < 0.5 * normalised_cut(A, spectral_clustering(A, 2), 2)
+    assert normalised_cut(A, labels, 2) <= normalised_cut(A, (np.arange(400) > 60).astype(np.int64), 2) + 1e-12
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_tracks_that_nothing_joins_are_no_cheap_cluster(n: int) -> None:
+    """All of a path but six isolated tracks, and a graph without an edge: as many labels as asked for, or no crash."""
+    A = sp.csr_array(sp.block_diag([_chain(40, (12, 25)), sp.csr_array((6, 6))]))
+    labels = spectral_clustering(A, n, cheapest=True)
+    assert len(set(labels[:40].tolist())) == n
+    assert spectral_clustering(sp.csr_array((8, 8)), n, cheapest=True).shape == (8,)
