@@ -1,9 +1,19 @@
-"""Scenes by the settings of the ``dataset`` group."""
+"""Scenes by the settings of the ``dataset`` group.
+
+A source of one's own is a module with two functions, ``load(settings, folder)``, which gives a Scene, and
+``digest(settings, folder)``, which gives the identity of the data in one line without making the scene. It stands in
+``datasets/NAME.py``, or in an installed package under the entry point group ``nrsfm_harness.datasets``,
+``NAME = "package.module"``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from datasets import garg, hopkins, mocap, procedural, sources, take, two_person
@@ -20,7 +30,7 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     Parameters
     ----------
     settings : mapping
-        ``source`` (a key of :data:`SOURCES`), ``name``, and the source's own settings; see
+        ``source`` (see :func:`source`), ``name``, and the source's own settings; see
         ``conf/dataset``.
     folder : Path
         The data folder.
@@ -32,12 +42,12 @@ def load_scene(settings: Settings, folder: Path, stand_in: bool = False) -> Scen
     DatasetError
         If a setting or a file cannot be used; MissingData if a file is absent.
     """
-    return _source(settings)[0](settings, folder, stand_in)
+    return source(settings.get("source"))[0](settings, folder, stand_in)
 
 
 def digest(settings: Settings, folder: Path, stand_in: bool = False) -> str:
     """Identity of the data behind a scene, without making it: hashes of the files, or the generator's version."""
-    return _source(settings)[1](settings, folder, stand_in)
+    return source(settings.get("source"))[1](settings, folder, stand_in)
 
 
 def _placement(settings: Settings) -> dict[str, Any]:
@@ -180,7 +190,65 @@ SOURCES: dict[str, Source] = {
 }
 
 
-def _source(settings: Settings) -> Source:
-    if settings.get("source") not in SOURCES:
-        raise DatasetError(f"dataset.source is {settings.get('source')!r}, wanted one of {', '.join(SOURCES)}")
-    return SOURCES[settings["source"]]
+ENTRY_POINTS = "nrsfm_harness.datasets"
+
+
+def source(name: object) -> Source:
+    """How the scenes of a source are made and identified: ours, that of ``datasets/NAME.py``, or a package's.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such source, with the names that there are; or if its module cannot be imported, or lacks one of
+        the two functions.
+    """
+    if name in SOURCES:
+        return SOURCES[str(name)]
+    word = str(name)
+    if word.isidentifier() and find_spec(f"datasets.{word}"):
+        found = _loaded(f"datasets/{word}.py", lambda: import_module(f"datasets.{word}"), f"mend datasets/{word}.py")
+        if _is_source(found):
+            return _wrapped(word, found)
+    theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    if name not in theirs:
+        raise DatasetError(f"dataset.source is {name!r}, wanted one of {', '.join([*SOURCES, *sorted(theirs)])}")
+    entry = theirs[word]
+    package = entry.dist.name if entry.dist else "?"
+    where = f"dataset {word} of the installed package {package}"
+    found = _loaded(where, entry.load, f"mend it or uninstall {package}")
+    if not _is_source(found):
+        raise DatasetError(f"{where} is {found!r}, wanted a module with the functions load and digest")
+    return _wrapped(word, found)
+
+
+def _loaded(where: str, load: Callable[[], Any], remedy: str) -> Any:
+    try:
+        return load()
+    except Exception as error:
+        raise DatasetError(f"{where} cannot be imported: {type(error).__name__}: {error}; {remedy}") from error
+
+
+def _is_source(found: object) -> bool:
+    return all(callable(getattr(found, part, None)) for part in ("load", "digest"))
+
+
+def _wrapped(name: str, module: ModuleType) -> Source:
+    """A module's two functions; what they raise becomes a DatasetError, and what they give is held to its kind."""
+
+    def call(part: str, kind: type, settings: Settings, folder: Path) -> Any:
+        try:
+            found = getattr(module, part)(dict(settings), folder)
+        except DatasetError:
+            raise
+        except Exception as error:
+            said = f"{type(error).__name__}: {error}"
+            raise DatasetError(f"dataset {name}: {part} ended with {said}; mend {module.__name__}") from error
+        if not isinstance(found, kind) or found == "":
+            given = f"an empty {kind.__name__}" if isinstance(found, kind) else type(found).__name__
+            raise DatasetError(f"dataset {name}: {part} gave {given}, wanted a {kind.__name__}")
+        return found
+
+    return (
+        lambda settings, folder, _stand_in: call("load", Scene, settings, folder),
+        lambda settings, folder, _stand_in: call("digest", str, settings, folder),
+    )

@@ -21,6 +21,7 @@ usage: harness VERB ...
   compare [OVERRIDES]      measured against a blessed baseline or the published numbers; exit code 1 when worse
   bless NAME --reason ...  record what was measured as a baseline
   list [methods|datasets|experiments]
+  new method|dataset NAME  write a method or dataset of your own: module, configuration and test, which run at once
   data list|get|verify|where
   sync                     bring every trial record into the tracker
   ui                       open the MLflow interface on the store
@@ -108,6 +109,12 @@ def _list(argv: list[str]) -> int:
     return listing(argv)
 
 
+def _new(argv: list[str]) -> int:
+    from harness.new import main as new
+
+    return new(argv)
+
+
 def _data(argv: list[str]) -> int:
     from harness.data import main as data
 
@@ -161,6 +168,7 @@ VERBS: dict[str, Callable[[list[str]], int]] = {
     "compare": _compare,
     "bless": _bless,
     "list": _list,
+    "new": _new,
     "data": _data,
     "sync": _sync,
     "ui": _ui,

@@ -16,16 +16,22 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, OverrideType
+from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from datasets.gaps import KINDS
+from harness.extensions import Configurations
 from harness.record import AUTO, Trial, UsageError
 
 MISSING = ("error", "stand_in")
 RERUN = ("none", "failed", "all")
 NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
+
+
+Plugins.instance().register(Configurations)
 
 
 @dataclass(frozen=True)
@@ -176,7 +182,7 @@ def configurations() -> Iterator[None]:
         else:
             with initialize_config_module("conf", version_base="1.3", job_name="harness"):
                 yield
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
         raise UsageError(one_line(error)) from None
     except ValueError as error:
         if isinstance(error, UsageError) or not str(error).startswith("Config group override"):

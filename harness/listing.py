@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from importlib import resources
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from harness.arguments import Parser
+from harness.extensions import choices, faults
 
 GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
 
 
-def choices(group: str) -> list[tuple[str, str]]:
-    """Names of a configuration group with the first comment line of each file."""
-    found = []
-    for entry in resources.files("conf").joinpath(group).iterdir():
-        if entry.name.endswith(".yaml"):
-            comments = [line[1:].strip() for line in entry.read_text().splitlines() if line.startswith("# ")]
-            comments = [c for c in comments if not c.startswith("@package")]
-            found.append((entry.name.removesuffix(".yaml"), comments[0] if comments else ""))
-    return sorted(found)
-
-
 def main(argv: Sequence[str]) -> int:
-    """Print one group, or all."""
+    """Print one group, or all, and to standard error what is wrong with installed packages."""
     parser = Parser("harness list", description="Methods, datasets and experiments, one line each.")
     parser.add_argument("what", nargs="?", choices=list(GROUPS))
     given = parser.read(argv)
@@ -34,8 +25,10 @@ def main(argv: Sequence[str]) -> int:
         table = Table(box=None, pad_edge=False, show_header=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
-        for name, line in choices(GROUPS[heading]):
-            table.add_row(name, line)
+        for name, (line, package) in choices(GROUPS[heading]).items():
+            table.add_row(escape(name), escape(f"{line} [{package}]" if package else line))
         console.print(f"[bold]{heading}[/bold]")
         console.print(table)
+    for fault in faults():
+        print(f"harness list: {fault}", file=sys.stderr)
     return 0

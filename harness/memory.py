@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from datasets.scene import Scene
-from methods.base import Method
+from methods.base import Method, MethodError
 
 BASE_GB = 0.3  # of a trial's process before it solves anything: interpreter, libraries, the scene
 
@@ -23,8 +23,14 @@ class Size(NamedTuple):
 
 
 def foreseen_gb(method: Method, size: Size) -> float | None:
-    """GB (2^30 bytes) that a trial of the method takes at its peak; None where the method cannot say."""
-    need = method.memory(*size)
+    """GB (2^30 bytes) that a trial of the method takes at its peak; None where the method cannot say.
+
+    Raises MethodError if the method's own forecast fails.
+    """
+    try:
+        need = method.memory(*size)
+    except Exception as error:
+        raise MethodError(f"{type(method).__name__}.memory ended with {type(error).__name__}: {error}") from error
     return None if need is None else BASE_GB + need / 2**30
 
 

@@ -18,7 +18,7 @@ from harness.memory import Size, foreseen_gb, refusal
 from harness.record import OK, Outcome, Trial, digest
 from harness.storage import read_record
 from harness.trial import identify
-from methods.base import Method
+from methods.base import Method, MethodError
 from methods.registry import build_method
 
 
@@ -76,7 +76,10 @@ def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> t
     size = sizes[scene]
     if isinstance(size, str):
         return None, size
-    return foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
+    try:
+        return foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
+    except MethodError as error:
+        return None, str(error)
 
 
 def main(argv: Sequence[str]) -> int:

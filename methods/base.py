@@ -166,10 +166,15 @@ def check_word(owner: object, name: str, words: Sequence[str]) -> None:
 
 def check_tracks(tracks: Array) -> None:
     """Raise MethodError unless the tracks are a finite (F, 2, P) array."""
-    if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:
-        raise MethodError(f"tracks have shape {tracks.shape}, wanted (frames, 2, points)")
+    check_shape(tracks)
     if not np.isfinite(tracks).all():
         raise MethodError("tracks hold NaN or infinite values; remove those tracks or frames, or say what is visible")
+
+
+def check_shape(tracks: Array) -> None:
+    """Raise MethodError unless the tracks are an (F, 2, P) array of some frames and points."""
+    if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:
+        raise MethodError(f"tracks have shape {tracks.shape}, wanted (frames, 2, points)")
 
 
 def check_gaps(tracks: Array, visible: Mask) -> None:

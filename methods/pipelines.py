@@ -21,6 +21,7 @@ from methods.base import (
     Reconstruction,
     check_bodies,
     check_cameras,
+    check_shape,
     check_tracks,
     standardise,
 )
@@ -106,6 +107,7 @@ class ReconstructThenCluster(Method):
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
+        check_shape(tracks)
         check_bodies(n_bodies, tracks.shape[2])
         structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
         labels, affinity = cluster(self.clusterer, structure, n_bodies)

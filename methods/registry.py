@@ -1,13 +1,16 @@
 """Methods and their parts by the names that configurations use.
 
-An installed package adds its own under the entry point group ``nrsfm_harness.algorithms``.
+A module ``methods/NAME.py`` with one class needs no entry here. An installed package adds its own under the entry
+point group ``nrsfm_harness.algorithms``, ``NAME = "package.module:Class"``.
 """
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from importlib.metadata import entry_points
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any
 
 from sklearn.base import BaseEstimator
@@ -36,18 +39,56 @@ ENTRY_POINTS = "nrsfm_harness.algorithms"
 
 
 def algorithm(name: object) -> type[BaseEstimator]:
-    """The class of a name, ours or an installed package's; raises MethodError that lists the names."""
+    """The class of a name: ours, that of ``methods/NAME.py``, or an installed package's.
+
+    Raises
+    ------
+    MethodError
+        If there is none, with the names that there are; or if what is there cannot be imported or is no method.
+    """
     if name in ALGORITHMS:
         return ALGORITHMS[str(name)]
+    word = str(name)
+    if word.isidentifier() and find_spec(f"methods.{word}") and (own := _of_module(word)):
+        return own
     theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
     if name not in theirs:
         raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
+    return _of_package(theirs[word])
+
+
+def _of_module(name: str) -> type[BaseEstimator] | None:
+    """The one public estimator that ``methods/NAME.py`` defines; None if it defines none."""
     try:
-        found = theirs[str(name)].load()
+        module = import_module(f"methods.{name}")
     except Exception as error:
-        raise MethodError(f"method {name} cannot be imported: {type(error).__name__}: {error}") from error
+        raise MethodError(f"methods/{name}.py cannot be imported: {type(error).__name__}: {error}") from error
+    found = [
+        kind
+        for kind in vars(module).values()
+        if isinstance(kind, type)
+        and issubclass(kind, BaseEstimator)
+        and kind.__module__ == module.__name__
+        and not kind.__name__.startswith("_")
+    ]
+    if len(found) > 1:
+        names = ", ".join(kind.__name__ for kind in found)
+        raise MethodError(f"methods/{name}.py defines {names}; wanted one class, or entries in methods/registry.py")
+    return found[0] if found else None
+
+
+def _of_package(entry: EntryPoint) -> type[BaseEstimator]:
+    """The class that an installed package declares."""
+    package = entry.dist.name if entry.dist else "?"
+    where = f"method {entry.name} of the installed package {package}"
+    try:
+        found = entry.load()
+    except Exception as error:
+        raise MethodError(
+            f"{where} cannot be imported: {type(error).__name__}: {error}; mend it or uninstall {package}"
+        ) from error
     if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
-        raise MethodError(f"method {name} is {found!r}, not a class that derives from methods.base.Method")
+        raise MethodError(f"{where} is {found!r}, not a class that derives from methods.base.Method")
     return found
 
 
@@ -59,7 +100,8 @@ def build(settings: Mapping[str, Any]) -> BaseEstimator:
     Raises
     ------
     MethodError
-        If the algorithm is unknown, or a hyper-parameter is missing or not its own.
+        If the algorithm is unknown, a hyper-parameter is missing or not its own, or the constructor fails or does not
+        keep its hyper-parameters.
     """
     given = dict(settings)
     name = given.pop("algorithm", None)
@@ -70,7 +112,12 @@ def build(settings: Mapping[str, Any]) -> BaseEstimator:
     except TypeError as error:
         known = ", ".join(inspect.signature(kind).parameters)
         raise MethodError(f"method {name}: {error}; its hyper-parameters are {known}") from None
-    return kind(**parameters)
+    try:
+        made = kind(**parameters)
+        made.get_params()
+    except Exception as error:
+        raise MethodError(f"method {name} cannot be made: {type(error).__name__}: {error}") from error
+    return made
 
 
 def build_method(settings: Mapping[str, Any]) -> Method:
