@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from types import TracebackType
 
 from rich.console import Console
@@ -36,17 +37,19 @@ class Follower:
     Parameters
     ----------
     settings : Settings
-    total : int
-        Trials of the sweep.
+    titles : mapping of str to str
+        The trials of the sweep, title by key.
+    before : collection of str
+        Keys of those that are done before it begins.
 
-    ``entries`` holds what ended so far by key, ``reached`` counts jobs, of which two may be one trial.
+    ``entries`` holds what ended so far by key.
     """
 
-    def __init__(self, settings: Settings, total: int) -> None:
+    def __init__(self, settings: Settings, titles: Mapping[str, str], before: Collection[str]) -> None:
         self.settings = settings
-        self.total = total
+        self.titles = titles
         self.entries: dict[str, Entry] = {}
-        self.reached = 0
+        self._before = [key for key in titles if key in before]
         self.trouble = ""
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
@@ -64,10 +67,11 @@ class Follower:
             console=self._console,
             disable=not sys.stderr.isatty(),
         )
-        self._task = self._progress.add_task("trials", total=total)
+        self._task = self._progress.add_task("trials", total=len(titles))
 
     def __enter__(self) -> Follower:
         self._progress.start()
+        self._found(self._before)
         self._thread.start()
         return self
 
@@ -89,6 +93,7 @@ class Follower:
             if last:
                 break
             self._stop.wait(0.2)
+        self._found(self.titles.keys() - self.entries.keys())
         if not self.trouble:
             self._track([key for key, entry in self.entries.items() if not entry.ran and not self._held(entry)])
 
@@ -109,13 +114,22 @@ class Follower:
         outcome = read_record(folder)
         return outcome is not None and self._tracker.holds(outcome, folder)
 
+    def _found(self, keys: Iterable[str]) -> None:
+        """Take in trials of no journal: done before, by a sweep beside this one, or by a worker that was lost."""
+        for key in keys:
+            outcome = read_record(self.settings.trials / key)
+            if outcome is not None:
+                ran = key not in self._before and outcome.sweep == self.settings.sweep
+                self._take(Entry(key, self.titles[key], outcome.status, ran))
+
     def _drain(self) -> None:
         path = journal(self.settings.output, self.settings.sweep)
         for entry, offset in entries(path, self._offset):
             self._offset = offset
-            self.reached += 1
-            if entry.key in self.entries:  # met again after a worker was lost
-                continue
+            self._take(entry)
+
+    def _take(self, entry: Entry) -> None:
+        if entry.key in self.titles and entry.key not in self.entries:
             self.entries[entry.key] = entry
             failed = sum(n for status, n in self.counts.items() if status != OK)
             self._progress.update(
@@ -137,7 +151,7 @@ class Follower:
         words.append(outcome.error)
         mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
         self._console.print(
-            f"[{len(self.entries)}/{self.total}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
+            f"[{len(self.entries)}/{len(self.titles)}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
             + ("" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"),
             markup=False,
             highlight=False,

@@ -7,6 +7,7 @@ never inherits the state of the process that asked for it. Linux and macOS.
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import multiprocessing
 import multiprocessing.connection
@@ -14,16 +15,24 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
 from harness.environment import THREAD_VARIABLES
 from harness.record import CRASHED, OK, OOM, TIMEOUT
 
-PRELOAD = ["harness.worker"]
-OOM_EXIT = 77
+PRELOAD = ["harness.warm"]
+OOM_EXIT, DISK_EXIT = 77, 78
+POLL = 0.25  # seconds between two questions whether the child is still wanted
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+
+
+class Stopped(Exception):
+    """The child was ended before it was done, because it was no longer wanted."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,17 @@ class Ended:
     detail: str = ""
 
 
+_STARTS = threading.Lock()  # a start changes the environment and the main module for a moment
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+
+def start_server(threads: int = 1) -> None:
+    """Start the server that forks the children, if it is not there: it loads their libraries while others do theirs."""
+    _CONTEXT.set_forkserver_preload(PRELOAD)
+    with _STARTS, _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
+        forkserver.ensure_running()
+
+
 def run_isolated(
     target: str,
     args: tuple[Any, ...],
@@ -42,6 +62,7 @@ def run_isolated(
     memory_gb: float,
     threads: int,
     log: Path | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Ended:
     """Call a function in a child process under limits.
 
@@ -57,23 +78,36 @@ def run_isolated(
         BLAS threads of the child.
     log : Path, optional
         Where the child's standard output and error go.
+    stopped : callable
+        Asked several times a second; once true, the child is killed.
 
     Returns
     -------
     Ended
         ok, timeout, oom, or crashed with the signal or exit code.
+
+    Raises
+    ------
+    Stopped
+        If ``stopped`` said so.
+    OSError
+        If the child could not write its files for want of space.
     """
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOAD)
-    with _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
-        child = context.Process(target=_child, args=(target, args, memory_gb, threads, log))
+    start_server(threads)
+    with _STARTS, _light_main():
+        child = _CONTEXT.Process(target=_child, args=(target, args, memory_gb, threads, log))
         child.start()
+    end = time.monotonic() + seconds
     try:
-        child.join(seconds)
-        if child.exitcode is None:
-            _kill_group(child.pid)
-            child.join()
-            return Ended(TIMEOUT, f"took more than {seconds:g} s")
+        while child.exitcode is None:
+            if stopped():
+                raise Stopped
+            left = end - time.monotonic()
+            if left <= 0:
+                _kill_group(child.pid)
+                child.join()
+                return Ended(TIMEOUT, f"took more than {seconds:g} s")
+            child.join(min(left, POLL))
     except BaseException:
         _kill_group(child.pid)
         child.join()
@@ -84,6 +118,8 @@ def run_isolated(
         return Ended(OK)
     if code == OOM_EXIT:
         return Ended(OOM, f"needed more than {memory_gb:g} GB")
+    if code == DISK_EXIT:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), None if log is None else str(log.parent))
     if code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return Ended(CRASHED, f"the process was killed by {name}")
@@ -100,16 +136,22 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
         os.dup2(handle, 2)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     _limit_memory(memory_gb)
-    from threadpoolctl import threadpool_limits
+    if os.environ.get(THREAD_VARIABLES[0]) != str(threads):  # the server's, under which its libraries were loaded
+        from threadpoolctl import threadpool_limits
 
-    threadpool_limits(threads)
+        threadpool_limits(threads)
     try:
         module, name = target.split(":")
         getattr(importlib.import_module(module), name)(*args)
     except MemoryError:
         os._exit(OOM_EXIT)
+    except OSError as error:
+        if error.errno in DISK:
+            os._exit(DISK_EXIT)
+        raise
     sys.stdout.flush()
     sys.stderr.flush()
+    os._exit(0)  # what Python tears down, the system does at once
 
 
 def _die_with_parent() -> None:

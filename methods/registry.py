@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from sklearn.base import BaseEstimator
@@ -39,7 +40,7 @@ def algorithm(name: object) -> type[BaseEstimator]:
     """The class of a name, ours or an installed package's; raises MethodError that lists the names."""
     if name in ALGORITHMS:
         return ALGORITHMS[str(name)]
-    theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    theirs = others()
     if name not in theirs:
         raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
     try:
@@ -49,6 +50,12 @@ def algorithm(name: object) -> type[BaseEstimator]:
     if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
         raise MethodError(f"method {name} is {found!r}, not a class that derives from methods.base.Method")
     return found
+
+
+@cache
+def others() -> Mapping[str, EntryPoint]:
+    """The algorithms that installed packages add, by name; not imported yet."""
+    return {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
 
 
 def build(settings: Mapping[str, Any]) -> BaseEstimator:
