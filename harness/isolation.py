@@ -27,6 +27,7 @@ from harness.record import CRASHED, OK, OOM, TIMEOUT
 
 PRELOAD = ["harness.warm"]
 OOM_EXIT, DISK_EXIT = 77, 78
+LOST_EXIT = 255  # what multiprocessing says where nobody saw the child end
 POLL = 0.25  # seconds between two questions whether the child is still wanted
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
@@ -120,6 +121,8 @@ def run_isolated(
         return Ended(OOM, f"needed more than {memory_gb:g} GB")
     if code == DISK_EXIT:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), None if log is None else str(log.parent))
+    if code == LOST_EXIT:
+        return Ended(CRASHED, "the process was killed, or lost with the server that started it")
     if code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return Ended(CRASHED, f"the process was killed by {name}")

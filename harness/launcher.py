@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from hydra import compose
@@ -55,7 +57,8 @@ class Launcher:
         own = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
-        hydra(["--multirun", *self._own, *own, "hydra.sweeper.params=null", *place, *task])
+        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext():
+            hydra(["--multirun", *self._own, *own, "hydra.sweeper.params=null", *place, *task])
 
 
 def _threads(work: Work, n_workers: int) -> None:
@@ -69,6 +72,16 @@ def _threads(work: Work, n_workers: int) -> None:
             raise
     for worker in workers:
         worker.result()
+
+
+@contextmanager
+def _to_itself(sign: signal.Signals) -> Iterator[None]:
+    """Keep a signal from processes that are started meanwhile; another thread of this one still takes it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {sign})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
 
 
 def _cores() -> int:

@@ -111,7 +111,7 @@ def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launch
 @contextmanager
 def _interruptible() -> Iterator[None]:
     """End on SIGTERM as on Ctrl-C: workers are told, what was finished is kept."""
-    before = signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:

@@ -23,7 +23,7 @@ from harness.record import OOM, Trial
 from harness.storage import write_text
 from harness.trial import Busy, Entry, execute, note
 
-KILLED = "SIGKILL"  # from outside: the kernel when memory runs short, or somebody
+KILLED = ("killed by SIGKILL", "the process was killed, or lost")  # from outside: the kernel when memory is short
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def go_through(work: Work) -> None:
             if not ran:
                 continue
             tries[i] = tries.get(i, 0) + 1
-            if tries[i] <= settings.retries and (outcome.status == OOM or KILLED in outcome.error):
+            if tries[i] <= settings.retries and (outcome.status == OOM or any(w in outcome.error for w in KILLED)):
                 later.append((i, True))
             else:
                 note(settings, Entry(outcome.key, trial.title, outcome.status, ran=True))
@@ -125,13 +125,14 @@ def go_through(work: Work) -> None:
 
 
 def _home(pid: int) -> str:
-    """Names a process on this machine, or in this job of a cluster: host, id, and when it started."""
+    """Names a living process of this machine, or of this job of a cluster: host, id, and when it started."""
     host = f"{socket.gethostname()}:{os.environ.get('SLURM_JOB_ID', '')}"
     try:
-        started = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        alive, started = fields[0] != "Z", fields[19]
     except OSError:
-        started = ""
-    return f"{host} {pid} {started}"
+        alive, started = not Path("/proc/self").exists() and _there(pid), ""
+    return f"{host} {pid} {started}" if alive else ""
 
 
 def _end_with(home: str) -> None:
@@ -142,7 +143,7 @@ def _end_with(home: str) -> None:
         return
 
     def watch() -> None:
-        while _there(int(pid)) and _home(int(pid)) == home:
+        while _home(int(pid)) == home:
             time.sleep(0.5)
         os._exit(1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sqlite3
@@ -14,54 +13,7 @@ from pathlib import Path
 import pytest
 
 from harness.tracking import Tracker
-from tests.harness.conftest import ODD, TINY, Shell
-
-
-def records(tmp_path: Path) -> dict[str, dict]:
-    return {p.parent.name: json.loads(p.read_text()) for p in (tmp_path / "out/trials").glob("*/result.json")}
-
-
-def tracked(tmp_path: Path) -> list:
-    return Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").outcomes()
-
-
-@pytest.mark.parametrize("launcher", ["basic", "joblib"])
-def test_misbehaving_trials_become_rows_and_the_rest_completes(shell: Shell, tmp_path: Path, launcher: str) -> None:
-    ways = "ok,raise,hang,kill,segfault,exit,memory,diverge,nothing"
-    done = shell(
-        "run",
-        "-m",
-        *ODD,
-        f"+method.how={ways}",
-        f"hydra/launcher={launcher}",
-        "limits.seconds=10",
-        "limits.memory_gb=2",
-    )
-    assert done.returncode == 2, done.stderr
-    assert "9 trials: 9 run, 3 crashed, 3 failed, 1 oom, 1 timeout" in done.stdout
-    found = {r["parameters"]["method"]["how"]: r for r in records(tmp_path).values()}
-    assert {how: r["status"] for how, r in found.items()} == {
-        "ok": "ok",
-        "raise": "failed",
-        "hang": "timeout",
-        "kill": "crashed",
-        "segfault": "crashed",
-        "exit": "crashed",
-        "memory": "oom",
-        "diverge": "failed",
-        "nothing": "failed",
-    }
-    assert found["raise"]["error"] == "RuntimeError: the method raised <b>this</b>"
-    assert "SIGKILL" in found["kill"]["error"]
-    assert "SIGSEGV" in found["segfault"]["error"]
-    assert "promises labels" in found["nothing"]["error"]
-    assert {(t.outcome.key, t.outcome.status) for t in tracked(tmp_path)} == {
-        (key, r["status"]) for key, r in records(tmp_path).items()
-    }
-    again = shell("run", "-m", *ODD, f"+method.how={ways}", f"hydra/launcher={launcher}")
-    assert again.returncode == 2
-    assert "nothing to run, 9 done before" in again.stdout
-    assert "rerun=failed" in again.stdout
+from tests.harness.conftest import ODD, TINY, Shell, records, tracked
 
 
 def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> None:
@@ -118,44 +70,6 @@ def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: 
     assert {f.path for f in client.list_artifacts(one.run_id)} >= {"result.json", "arrays.npz"}
     mode = sqlite3.connect(tmp_path / "out/mlflow.db").execute("PRAGMA journal_mode").fetchone()[0]
     assert mode == "wal"
-
-
-@pytest.mark.parametrize("launcher", ["basic", "joblib"])
-@pytest.mark.parametrize("moment", [1, 3])
-def test_killed_sweep_loses_no_finished_trial(
-    shell: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, moment: int
-) -> None:
-    """kill -9 after some trials are finished; the second start keeps them and runs the rest."""
-    words = [
-        "run",
-        "-m",
-        *ODD,
-        "+method.how=slow",
-        "noise.level=0.01",
-        "noise.repeat=range(6)",
-        f"hydra/launcher={launcher}",
-    ]
-    sweep = subprocess.Popen(
-        [sys.executable, "-m", "harness", *words], env=environment, cwd=tmp_path, start_new_session=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    deadline = time.monotonic() + 60
-    while len(records(tmp_path)) < moment:
-        assert time.monotonic() < deadline, "no trial was finished"
-        assert sweep.poll() is None
-        time.sleep(0.02)
-    os.killpg(sweep.pid, signal.SIGKILL)
-    sweep.wait()
-    time.sleep(0.5)  # children notice that their parent is gone
-    before = {key: r["finished"] for key, r in records(tmp_path).items()}
-    assert len(before) < 6
-    again = shell(*words)
-    assert again.returncode == 0, again.stderr
-    assert f"{6 - len(before)} run, {len(before)} done before" in again.stdout
-    after = records(tmp_path)
-    assert len(after) == 6
-    assert {key: after[key]["finished"] for key in before} == before
-    assert sorted(t.outcome.key for t in tracked(tmp_path)) == sorted(after)
 
 
 def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path) -> None:
@@ -229,34 +143,6 @@ def test_sweep_of_a_name_used_before_counts_its_own(harness: Shell) -> None:
     assert "2 trials: 2 run." in harness("run", *TINY, "sweep=again", "dataset.seed=0,1").stdout
     second = harness("run", *TINY, "sweep=again", "dataset.seed=1,2")
     assert (second.returncode, "2 trials: 1 run, 1 done before." in second.stdout) == (0, True), second.stdout
-
-
-def test_workers_end_with_the_sweep(environment: dict[str, str], tmp_path: Path) -> None:
-    """kill -9 of the sweep's process alone: no worker idles on, no trial computes on."""
-    words = [*ODD, "+method.how=hang", "noise.level=0.01", "noise.repeat=0,1", "hydra/launcher=joblib"]
-    sweep = subprocess.Popen(
-        [sys.executable, "-m", "harness", "run", "-m", *words], env=environment, cwd=tmp_path,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    deadline = time.monotonic() + 60
-    while len(list((tmp_path / "out/trials").glob("*/log.txt"))) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    sweep.kill()
-    sweep.wait()
-    mark = str(tmp_path / "out").encode()
-    for _ in range(100):
-        alive = []
-        for path in Path("/proc").glob("[0-9]*/environ"):
-            try:
-                if mark in path.read_bytes() and b"Z" not in (path.parent / "stat").read_bytes().split()[2]:
-                    alive.append(path.parent.name)
-            except OSError:
-                continue
-        if not alive:
-            break
-        time.sleep(0.1)
-    assert alive == []
 
 
 def test_sync_rebuilds_a_lost_tracker(shell: Shell, tmp_path: Path) -> None:
