@@ -44,14 +44,16 @@ class Ended:
     detail: str = ""
 
 
-_STARTS = threading.Lock()  # a start changes the environment and the main module for a moment
+#: Held where a child is started, which changes the environment and the main module for a moment and asks after all
+#: other children, and where one is asked how it ended: the server says so once.
+_CHILDREN = threading.Lock()
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def start_server(threads: int = 1) -> None:
     """Start the server that forks the children, if it is not there: it loads their libraries while others do theirs."""
     _CONTEXT.set_forkserver_preload(PRELOAD)
-    with _STARTS, _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
+    with _CHILDREN, _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
         forkserver.ensure_running()
 
 
@@ -95,26 +97,21 @@ def run_isolated(
         If the child could not write its files for want of space.
     """
     start_server(threads)
-    with _STARTS, _light_main():
+    with _CHILDREN, _light_main():
         child = _CONTEXT.Process(target=_child, args=(target, args, memory_gb, threads, log))
         child.start()
     end = time.monotonic() + seconds
     try:
-        while child.exitcode is None:
+        while not multiprocessing.connection.wait([child.sentinel], min(POLL, max(0.0, end - time.monotonic()))):
             if stopped():
                 raise Stopped
-            left = end - time.monotonic()
-            if left <= 0:
-                _kill_group(child.pid)
-                child.join()
+            if time.monotonic() >= end:
                 return Ended(TIMEOUT, f"took more than {seconds:g} s")
-            child.join(min(left, POLL))
-    except BaseException:
-        _kill_group(child.pid)
-        child.join()
-        raise
-    code = child.exitcode
-    _kill_group(child.pid)  # whatever it left running
+    finally:
+        _kill_group(child.pid)  # or whatever it left running
+        with _CHILDREN:
+            child.join()
+    code = child.exitcode or 0
     if code == 0:
         return Ended(OK)
     if code == OOM_EXIT:

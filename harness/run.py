@@ -6,7 +6,6 @@ import os
 import secrets
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ from harness.follow import Follower
 from harness.isolation import start_server
 from harness.launcher import Launcher
 from harness.record import OK, UsageError
-from harness.storage import read_record
+from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
 
@@ -100,7 +99,10 @@ def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launch
             work.end()
             raise
         work.clear()
-        tempfile.TemporaryFile(dir=folder).close()  # raises what a worker may have met: a full disk, say
+        try:
+            check_space(folder)  # however a worker's error came here
+        except OSError as error:
+            return f"{error.filename}: {error.strerror}; make room"
         still = missing()
         left, lost = still, lost + 1 if len(still) == len(left) else 0
     if not left:

@@ -106,6 +106,8 @@ def go_through(work: Work) -> None:
     while turn:
         later = []
         for i, wait in turn:
+            if work.over:
+                return
             trial, settings = work.jobs[i].trial, work.jobs[i].settings
             try:
                 outcome, ran = execute(trial, settings, since=work.since, again=i in tries, stopped=stopped, wait=wait)

@@ -79,7 +79,7 @@ class Tracker:
         from mlflow import MlflowClient
 
         for name in ("mlflow", "alembic", "sqlalchemy"):
-            logging.getLogger(name).setLevel(logging.ERROR)
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised as well
         artifacts = None
         try:
             if self.uri.startswith("sqlite:///"):

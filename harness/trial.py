@@ -122,6 +122,7 @@ def execute(
                 if running is not None:
                     running.unlink(missing_ok=True)
             if ended.status != OK:
+                storage.check_space(folder)
                 seconds = round(time.monotonic() - start, 4)
                 storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))
         outcome = storage.read_record(folder)

@@ -41,6 +41,9 @@ def algorithm(name: object) -> type[BaseEstimator]:
     if name in ALGORITHMS:
         return ALGORITHMS[str(name)]
     theirs = others()
+    if name not in theirs:  # it may have come since
+        others.cache_clear()
+        theirs = others()
     if name not in theirs:
         raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
     try:

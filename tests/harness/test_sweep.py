@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -72,7 +74,78 @@ def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: 
     assert mode == "wal"
 
 
-def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path) -> None:
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Callable[[str], None]]:
+    """Mounts a disk of its own, with options, at the output folder; needs the right to mount."""
+    place, mounted = tmp_path / "out", []
+    place.mkdir()
+
+    def mount(options: str) -> None:
+        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], capture_output=True)
+        if done.returncode:
+            pytest.skip("no right to mount a file system here")
+        mounted.append(place)
+
+    yield mount
+    if mounted:
+        subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_full_disk_ends_in_one_line_and_the_rest_runs_later(
+    shell: Shell, tmp_path: Path, small_disk: Callable[[str], None]
+) -> None:
+    small_disk("size=3m")
+    words = ("run", "-m", *ODD, "+method.how=ok", "noise.level=0.01", "noise.repeat=range(150)")
+    full = shell(*words)
+    assert full.returncode == 2
+    lines = [line for line in full.stderr.splitlines() if line.startswith("harness run:")]
+    assert len(lines) == 1, full.stderr
+    assert f"{tmp_path}/out" in lines[0]
+    assert "No space left on device; make room; start it again" in lines[0]
+    before = {key: r["finished"] for key, r in records(tmp_path).items()}
+    assert 0 < len(before) < 150
+    assert {r["status"] for r in records(tmp_path).values()} == {"ok"}
+    subprocess.run(["mount", "-o", "remount,size=64m", str(tmp_path / "out")], check=True)
+    again = shell(*words)
+    assert (again.returncode, f"{150 - len(before)} run, {len(before)} done before" in again.stdout) == (0, True)
+    assert sorted(t.outcome.key for t in tracked(tmp_path)) == sorted(records(tmp_path))
+
+
+def test_read_only_output_is_refused_in_one_line(
+    shell: Shell, tmp_path: Path, small_disk: Callable[[str], None]
+) -> None:
+    small_disk("ro")
+    done = shell("run", *TINY)
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [f"harness run: {tmp_path}/out/sweeps: Read-only file system"]
+
+
+def test_sweep_stops_at_its_limit_and_goes_on_later(shell: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *ODD, "+method.how=slow", "noise.level=0.01", "noise.repeat=range(6)", "workers=1")
+    short = shell(*words, "limits.sweep_seconds=4")
+    assert short.returncode == 2
+    assert "its 4 s are over; start it again to run the rest" in short.stderr
+    n = len(records(tmp_path))
+    assert 0 < n < 6
+    assert {r["status"] for r in records(tmp_path).values()} == {"ok"}
+    again = shell(*words)
+    assert (again.returncode, f"{6 - n} run, {n} done before" in again.stdout) == (0, True)
+
+
+def test_stale_records_are_renewed_when_asked(harness: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *TINY, "noise.level=0,0.02")
+    assert harness(*words).returncode == 0
+    path = sorted((tmp_path / "out/trials").glob("*/result.json"))[0]
+    record = json.loads(path.read_text())
+    record["environment"]["numpy"] = "1.0"
+    path.write_text(json.dumps(record))
+    assert "nothing to run, 2 done before" in harness(*words).stdout
+    assert "1 run, 1 done before" in harness(*words, "rerun=stale").stdout
+    assert "nothing to run, 2 done before" in harness(*words, "rerun=stale").stdout
+
+
+@pytest.mark.parametrize("turn", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 20))])
+def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path, turn: int) -> None:
     command = [
         sys.executable,
         "-m",
