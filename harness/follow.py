@@ -21,18 +21,19 @@ from rich.progress import (
 )
 
 from harness.experiments import Settings
-from harness.record import OK, UsageError
+from harness.record import OK
 from harness.running import steps
 from harness.storage import read_record
 from harness.tracking import Tracker
 from harness.trial import Entry, entries, journal
+from harness.writer import Writer
 
 
 class Follower:
-    """Context manager around a sweep: one thread, the only writer to the tracker.
+    """Context manager around a sweep: a thread that follows its journal.
 
-    Workers leave records in trial folders and a line in the journal; this thread brings each into MLflow as it
-    appears, so workers never load MLflow nor wait for its store.
+    Workers leave records in trial folders and a line in the journal; this thread shows each as it appears and hands it
+    to the tracker's writer, so workers never load MLflow nor wait for its store.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ class Follower:
         self.titles = titles
         self.entries: dict[str, Entry] = {}
         self._before = [key for key in titles if key in before]
-        self.trouble = ""
+        self._writer = Writer(settings)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
         self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before
@@ -70,6 +71,8 @@ class Follower:
         self._task = self._progress.add_task("trials", total=len(titles))
 
     def __enter__(self) -> Follower:
+        if len(self._before) < len(self.titles):
+            self._writer.start()
         self._progress.start()
         self._found(self._before)
         self._thread.start()
@@ -90,12 +93,15 @@ class Follower:
             last = self._stop.is_set()
             self._drain()
             self._show()
+            self._writer.tend()
             if last:
                 break
             self._stop.wait(0.2)
         self._found(self.titles.keys() - self.entries.keys())
-        if not self.trouble:
-            self._track([key for key, entry in self.entries.items() if not entry.ran and not self._held(entry)])
+        for key, entry in self.entries.items():
+            if not entry.ran and not self._held(key):
+                self._writer.put(key)
+        self._writer.finish()
 
     def _show(self) -> None:
         """A bar for each trial at work, with its residuals."""
@@ -109,8 +115,13 @@ class Follower:
                 self._bars[key], total=step.iterations, completed=step.iteration, description=escape(step.words)
             )
 
-    def _held(self, entry: Entry) -> bool:
-        folder = self.settings.trials / entry.key
+    @property
+    def trouble(self) -> str:
+        """What keeps the tracker from being written, "" for nothing."""
+        return self._writer.trouble
+
+    def _held(self, key: str) -> bool:
+        folder = self.settings.trials / key
         outcome = read_record(folder)
         return outcome is not None and self._tracker.holds(outcome, folder)
 
@@ -138,7 +149,7 @@ class Follower:
             if entry.ran or entry.status != OK:
                 self._say(entry)
             if entry.ran:
-                self._track([entry.key])
+                self._writer.put(entry.key)
 
     def _say(self, entry: Entry) -> None:
         outcome = read_record(self.settings.trials / entry.key)
@@ -157,18 +168,3 @@ class Follower:
             highlight=False,
             soft_wrap=True,
         )
-
-    def _track(self, keys: list[str]) -> None:
-        """Bring records into the tracker; when it cannot be reached, say so once and go on: nothing is lost."""
-        if self.trouble or not keys:
-            return
-        try:
-            for key in keys:
-                outcome = read_record(self.settings.trials / key)
-                if outcome is not None:
-                    self._tracker.log(outcome, self.settings.trials / key)
-        except UsageError as error:
-            self.trouble = str(error)
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            self.trouble = f"tracker {self.settings.tracking_uri}: {type(error).__name__}: {reason}"

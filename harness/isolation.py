@@ -57,6 +57,13 @@ def start_server(threads: int = 1) -> None:
         forkserver.ensure_running()
 
 
+def start_process(target: Callable[..., None], *args: Any) -> None:
+    """Start a long-lived helper process that ends by itself when its connection does."""
+    start_server()
+    with _CHILDREN, _light_main():
+        _CONTEXT.Process(target=target, args=args, daemon=True).start()
+
+
 def run_isolated(
     target: str,
     args: tuple[Any, ...],

@@ -78,7 +78,7 @@ def main(argv: Sequence[str]) -> int:
         trouble = _carry_out(missing, settings, launcher, begun)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
-    if (len(jobs) > 1 or asked.multirun) and not follower.trouble:
+    if len(jobs) > 1 or asked.multirun:
         _show(overrides)
     return _report(follower)
 
@@ -99,12 +99,12 @@ def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launch
             work.end()
             raise
         work.clear()
+        still = missing()
+        left, lost = still, lost + 1 if len(still) == len(left) else 0
         try:
             check_space(folder)  # however a worker's error came here
         except OSError as error:
-            return f"{error.filename}: {error.strerror}; make room"
-        still = missing()
-        left, lost = still, lost + 1 if len(still) == len(left) else 0
+            trouble, lost = f"{error.filename}: {error.strerror}; make room", ATTEMPTS
     if not left:
         return ""
     return f"its {settings.sweep_seconds:g} s are over" if time.time() >= until else trouble or "its workers were lost"
@@ -122,7 +122,7 @@ def _interruptible() -> Iterator[None]:
 
 def _show(overrides: Sequence[str]) -> None:
     """Print the tables that a sweep has just filled."""
-    from harness.answers import answers
+    from harness.answers import recorded
     from reports.layouts import FILLS, Layout
     from reports.tables import build
     from reports.writers import console
@@ -130,9 +130,8 @@ def _show(overrides: Sequence[str]) -> None:
     named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
     name = named[-1].partition("=")[2] if named else "sweep"
     others = [word for word in overrides if word not in named]
-    store = None
     for table in FILLS.get(name, (name,)):
-        found, _, store = answers([*([f"+experiment={table}"] if named else []), *others], store)
+        found = recorded([*([f"+experiment={table}"] if named else []), *others])
         console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
 
 
