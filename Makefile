@@ -36,6 +36,7 @@ bench: $(INSTALLED)
 	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
 
 validate: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray]'
 	$(BIN)/pytest -m slow
 
 format: $(INSTALLED)

@@ -209,7 +209,7 @@ def source(name: object) -> Source:
         found = _loaded(f"datasets/{word}.py", lambda: import_module(f"datasets.{word}"), f"mend datasets/{word}.py")
         if _is_source(found):
             return _wrapped(word, found)
-    theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    theirs = {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
     if name not in theirs:
         raise DatasetError(f"dataset.source is {name!r}, wanted one of {', '.join([*SOURCES, *sorted(theirs)])}")
     entry = theirs[word]

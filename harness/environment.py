@@ -16,6 +16,9 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
 )
 
+#: What of the environment results are computed by; a record that differs in one of them is stale.
+COMPUTES = ("code", "numpy", "scipy", "scikit-learn", "blas")
+
 
 @functools.cache
 def environment() -> dict[str, str]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +28,8 @@ from harness.extensions import Configurations
 from harness.record import AUTO, Trial, UsageError
 
 MISSING = ("error", "stand_in")
-RERUN = ("none", "failed", "all")
+RERUN = ("none", "failed", "stale", "all")
+LIMITS = ("seconds", "memory_gb", "sweep_seconds")
 NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
 
 
@@ -47,11 +49,18 @@ class Settings:
     tracking_uri : str
     missing : {"error", "stand_in"}
         What an absent sequence becomes.
-    rerun : {"none", "failed", "all"}
+    rerun : {"none", "failed", "stale", "all"}
+        Which trials that are done run again; stale ones were computed by other code or libraries than are here.
     threads : int
         BLAS threads of a trial.
     seconds, memory_gb : float
         Limits of a trial.
+    retries : int
+        How often a trial that was killed or ran out of memory is tried again.
+    workers : int or None
+        Processes that run trials side by side; None leaves it to the launcher.
+    sweep_seconds : float
+        Limit of the sweep.
     sweep : str
     """
 
@@ -63,6 +72,9 @@ class Settings:
     threads: int = 1
     seconds: float = 3600.0
     memory_gb: float = 8.0
+    retries: int = 1
+    workers: int | None = None
+    sweep_seconds: float = float("inf")
     sweep: str = ""
 
     @property
@@ -86,10 +98,19 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     for key, allowed in (("missing", MISSING), ("rerun", RERUN)):
         if plain[key] not in allowed:
             raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")
-    for key, low in (("limits.seconds", 0), ("limits.memory_gb", 0), ("threads", 0)):
+    limits = plain["limits"]
+    for key in ("threads", *(f"limits.{name}" for name in LIMITS)):
         value = OmegaConf.select(cfg, key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low < value < float("inf"):
+        if value is None and key == "limits.sweep_seconds":
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
             raise UsageError(f"{key} is {value!r}, wanted a positive number")
+    retries = plain["retries"]
+    if isinstance(retries, bool) or not isinstance(retries, int) or retries < 0:
+        raise UsageError(f"retries is {retries!r}, wanted 0, 1, 2, ...")
+    workers = plain["workers"]
+    if isinstance(workers, bool) or not (workers is None or (isinstance(workers, int) and workers >= 1)):
+        raise UsageError(f"workers is {workers!r}, wanted 1, 2, ..., or null")
     sweep = str(plain["sweep"] or "")
     if not re.fullmatch(NAME, sweep or "x"):
         raise UsageError(f"sweep is {sweep!r}, wanted letters, digits and . _ + -")
@@ -100,8 +121,11 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
         missing=plain["missing"],
         rerun=plain["rerun"],
         threads=int(plain["threads"]),
-        seconds=float(plain["limits"]["seconds"]),
-        memory_gb=float(plain["limits"]["memory_gb"]),
+        seconds=float(limits["seconds"]),
+        memory_gb=float(limits["memory_gb"]),
+        sweep_seconds=float(limits["sweep_seconds"] or "inf"),
+        retries=retries,
+        workers=workers,
         sweep=sweep,
     )
 
@@ -197,18 +221,11 @@ def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
         return compose("config", overrides=list(overrides))
 
 
-def effective(overrides: Sequence[str]) -> tuple[list[str], list[list[str]]]:
-    """The overrides with an experiment's sweep spelt out, and the jobs that they span.
+def spanned(overrides: Sequence[str]) -> list[list[str]]:
+    """The jobs that overrides span, each a list of plain overrides.
 
     An experiment's sweep parameters are those of its ``hydra.sweeper.params``; a command-line override of the same
     key takes their place.
-
-    Returns
-    -------
-    list of str
-        Overrides for ``harness run`` that mean the same and leave nothing to ``hydra.sweeper.params``.
-    list of list of str
-        The jobs, each a list of plain overrides.
 
     Raises
     ------
@@ -216,43 +233,24 @@ def effective(overrides: Sequence[str]) -> tuple[list[str], list[list[str]]]:
         If an override does not parse, or names a key or a choice that is not there.
     """
     with configurations():
-        given, own = _sweep(overrides)
-        keys = {o.key_or_group for o in given}
+        parser = OverridesParser.create()
+        own = compose("config", overrides=launching(overrides), return_hydra_config=True).hydra.sweeper.params or {}
+        keys = {o.key_or_group for o in parser.parse_overrides(list(overrides))}
         words = [*(f"{key}={value}" for key, value in own.items() if key not in keys), *overrides]
-        everything = OverridesParser.create().parse_overrides(words)
+        everything = parser.parse_overrides(words)
         for override in everything:
             if override.is_sweep_override():
                 _check_choices(override)
         batches: list[list[list[str]]] = BasicSweeper.split_arguments(everything, None)
-        return [*words, *(["hydra.sweeper.params=null"] if own else [])], [job for batch in batches for job in batch]
+        return [job for batch in batches for job in batch]
 
 
-def checked(jobs: Sequence[Sequence[str]]) -> tuple[Trial, Settings]:
-    """Compose jobs until every override has been met once; the first job's trial and settings.
-
-    Raises
-    ------
-    UsageError
-        If a job cannot be composed or holds a value that no trial can have.
-    """
-    met: set[str] = set()
-    first = None
-    for job in jobs:
-        if first is None or not met.issuperset(job):
-            met.update(job)
-            found = read(compose_config(job))
-            first = first or found
-    if first is None:
-        raise UsageError("the sweep spans no trial")
-    return first
-
-
-def _sweep(overrides: Sequence[str]) -> tuple[list[Override], Mapping[str, str]]:
-    """The overrides, parsed, and the sweep parameters that the experiment among them brings."""
-    given = OverridesParser.create().parse_overrides(list(overrides))
-    fixed = [str(o.input_line) for o in given if not o.is_sweep_override()]
-    own = compose("config", overrides=fixed, return_hydra_config=True).hydra.sweeper.params
-    return given, own or {}
+def launching(overrides: Sequence[str]) -> list[str]:
+    """What Hydra needs of the overrides to start the workers: the experiment and its own keys, of single values."""
+    with configurations():
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
+    return [str(o.input_line) for o in own if not o.is_sweep_override()]
 
 
 def _check_choices(override: Override) -> None:
@@ -264,13 +262,21 @@ def _check_choices(override: Override) -> None:
 
 
 def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
-    """The trials of an experiment or sweep, each once, in the order in which they would run."""
+    """The trials of an experiment or sweep, each once, in the order in which they would run.
+
+    Raises
+    ------
+    UsageError
+        If a job cannot be composed, holds a value that no trial can have, or there is none.
+    """
     with configurations():
         seen: dict[str, tuple[Trial, Settings]] = {}
-        for cfg in compose_jobs(effective(overrides)[1]):
+        for cfg in compose_jobs(spanned(overrides)):
             trial, settings = read(cfg)
             seen.setdefault(trial.setting, (trial, settings))
-        return list(seen.values())
+    if not seen:
+        raise UsageError("the sweep spans no trial")
+    return list(seen.values())
 
 
 def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
@@ -278,23 +284,30 @@ def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
 
     Jobs that differ in plain values alone share their files: Hydra as well merges the files first and sets the values
     after. Jobs that differ in several choices of files are put together from the configurations that differ in one,
-    wherever each of those changes keys of its own. Whatever is more than that is composed whole.
+    wherever each of those changes keys of its own. Whatever is more than that is composed whole, unless it comes first
+    and is the same in every job.
     """
+    jobs = [list(job) for job in jobs]
+    same = set(jobs[0]).intersection(*jobs) if jobs else set()
     with configurations():
         parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
         is_group = cache(lambda key: bool(loader.get_group_options(key)))
         composer = _Composer()
         for job in jobs:
-            parsed = parser.parse_overrides(list(job))
+            parsed = parser.parse_overrides(job)
             chosen = [o for o in parsed if is_group(o.key_or_group) and not isinstance(o.value(), dict)]
             values = [o for o in parsed if o not in chosen]
-            cfg = composer.compose({o.key_or_group: str(o.input_line) for o in chosen})
-            if all(_is_plain(o, cfg) for o in values):
-                for o in values:
+            fixed = list(takewhile(lambda o: o.input_line in same, values))
+            cfg = composer.compose(
+                {o.key_or_group: str(o.input_line) for o in chosen}, [str(o.input_line) for o in fixed]
+            )
+            rest = values[len(fixed) :]
+            if all(_is_plain(o, cfg) for o in rest):
+                for o in rest:
                     OmegaConf.update(cfg, o.key_or_group, o.value())
                 yield cfg
             else:
-                yield compose("config", overrides=list(job))
+                yield compose("config", overrides=job)
 
 
 class _Composer:
@@ -304,32 +317,32 @@ class _Composer:
         self._made: dict[tuple[str, ...], tuple[DictConfig, dict[str, Any]]] = {}
         self._first: dict[tuple[str, ...], dict[str, str]] = {}
 
-    def compose(self, choices: dict[str, str]) -> DictConfig:
-        """A configuration of its own for choices by group, as overrides."""
+    def compose(self, choices: dict[str, str], values: Sequence[str]) -> DictConfig:
+        """A configuration of its own for choices by group, as overrides, and values that come after them."""
         first = self._first.setdefault(tuple(choices), choices)
         changed = [group for group, choice in choices.items() if choice != first[group]]
         if len(changed) < 2:
-            return deepcopy(self._whole(choices)[0])
-        cfg, plain = self._whole(first)
+            return deepcopy(self._whole(choices, values)[0])
+        cfg, plain = self._whole(first, values)
         parts: dict[str, Any] = {}
         for group in changed:
-            part = self._whole(first | {group: choices[group]})[1]
+            part = self._whole(first | {group: choices[group]}, values)[1]
             own = {key for key in part if key not in plain or part[key] != plain[key]}
             if part.keys() != plain.keys() or own & parts.keys():
-                return deepcopy(self._whole(choices)[0])
+                return deepcopy(self._whole(choices, values)[0])
             parts |= {key: part[key] for key in own}
         cfg = deepcopy(cfg)
         for key, value in parts.items():
             cfg[key] = value
         return cfg
 
-    def _whole(self, choices: Mapping[str, str]) -> tuple[DictConfig, dict[str, Any]]:
+    def _whole(self, choices: Mapping[str, str], values: Sequence[str]) -> tuple[DictConfig, dict[str, Any]]:
         """A composed configuration, and the same as plain data with its interpolations as they are written."""
-        files = tuple(choices.values())
-        if files not in self._made:
-            cfg = compose("config", overrides=list(files))
-            self._made[files] = cfg, cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=False))
-        return self._made[files]
+        words = (*choices.values(), *values)
+        if words not in self._made:
+            cfg = compose("config", overrides=list(words))
+            self._made[words] = cfg, cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=False))
+        return self._made[words]
 
 
 def _is_plain(override: Override, cfg: DictConfig) -> bool:

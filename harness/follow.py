@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from types import TracebackType
 
 from rich.console import Console
@@ -20,34 +21,37 @@ from rich.progress import (
 )
 
 from harness.experiments import Settings
-from harness.record import OK, UsageError
+from harness.record import OK
 from harness.running import steps
 from harness.storage import read_record
 from harness.tracking import Tracker
 from harness.trial import Entry, entries, journal
+from harness.writer import Writer
 
 
 class Follower:
-    """Context manager around a sweep: one thread, the only writer to the tracker.
+    """Context manager around a sweep: a thread that follows its journal.
 
-    Workers leave records in trial folders and a line in the journal; this thread brings each into MLflow as it
-    appears, so workers never load MLflow nor wait for its store.
+    Workers leave records in trial folders and a line in the journal; this thread shows each as it appears and hands it
+    to the tracker's writer, so workers never load MLflow nor wait for its store.
 
     Parameters
     ----------
     settings : Settings
-    total : int
-        Trials of the sweep.
+    titles : mapping of str to str
+        The trials of the sweep, title by key.
+    before : collection of str
+        Keys of those that are done before it begins.
 
-    ``entries`` holds what ended so far by key, ``reached`` counts jobs, of which two may be one trial.
+    ``entries`` holds what ended so far by key.
     """
 
-    def __init__(self, settings: Settings, total: int) -> None:
+    def __init__(self, settings: Settings, titles: Mapping[str, str], before: Collection[str]) -> None:
         self.settings = settings
-        self.total = total
+        self.titles = titles
         self.entries: dict[str, Entry] = {}
-        self.reached = 0
-        self.trouble = ""
+        self._before = [key for key in titles if key in before]
+        self._writer = Writer(settings)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
         self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before
@@ -64,10 +68,13 @@ class Follower:
             console=self._console,
             disable=not sys.stderr.isatty(),
         )
-        self._task = self._progress.add_task("trials", total=total)
+        self._task = self._progress.add_task("trials", total=len(titles))
 
     def __enter__(self) -> Follower:
+        if len(self._before) < len(self.titles):
+            self._writer.start()
         self._progress.start()
+        self._found(self._before)
         self._thread.start()
         return self
 
@@ -86,11 +93,15 @@ class Follower:
             last = self._stop.is_set()
             self._drain()
             self._show()
+            self._writer.tend()
             if last:
                 break
             self._stop.wait(0.2)
-        if not self.trouble:
-            self._track([key for key, entry in self.entries.items() if not entry.ran and not self._held(entry)])
+        self._found(self.titles.keys() - self.entries.keys())
+        for key, entry in self.entries.items():
+            if not entry.ran and not self._held(key):
+                self._writer.put(key)
+        self._writer.finish()
 
     def _show(self) -> None:
         """A bar for each trial at work, with its residuals."""
@@ -104,18 +115,32 @@ class Follower:
                 self._bars[key], total=step.iterations, completed=step.iteration, description=escape(step.words)
             )
 
-    def _held(self, entry: Entry) -> bool:
-        folder = self.settings.trials / entry.key
+    @property
+    def trouble(self) -> str:
+        """What keeps the tracker from being written, "" for nothing."""
+        return self._writer.trouble
+
+    def _held(self, key: str) -> bool:
+        folder = self.settings.trials / key
         outcome = read_record(folder)
         return outcome is not None and self._tracker.holds(outcome, folder)
+
+    def _found(self, keys: Iterable[str]) -> None:
+        """Take in trials of no journal: done before, by a sweep beside this one, or by a worker that was lost."""
+        for key in keys:
+            outcome = read_record(self.settings.trials / key)
+            if outcome is not None:
+                ran = key not in self._before and outcome.sweep == self.settings.sweep
+                self._take(Entry(key, self.titles[key], outcome.status, ran))
 
     def _drain(self) -> None:
         path = journal(self.settings.output, self.settings.sweep)
         for entry, offset in entries(path, self._offset):
             self._offset = offset
-            self.reached += 1
-            if entry.key in self.entries:  # met again after a worker was lost
-                continue
+            self._take(entry)
+
+    def _take(self, entry: Entry) -> None:
+        if entry.key in self.titles and entry.key not in self.entries:
             self.entries[entry.key] = entry
             failed = sum(n for status, n in self.counts.items() if status != OK)
             self._progress.update(
@@ -124,7 +149,7 @@ class Follower:
             if entry.ran or entry.status != OK:
                 self._say(entry)
             if entry.ran:
-                self._track([entry.key])
+                self._writer.put(entry.key)
 
     def _say(self, entry: Entry) -> None:
         outcome = read_record(self.settings.trials / entry.key)
@@ -137,24 +162,9 @@ class Follower:
         words.append(outcome.error)
         mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
         self._console.print(
-            f"[{len(self.entries)}/{self.total}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
+            f"[{len(self.entries)}/{len(self.titles)}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
             + ("" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"),
             markup=False,
             highlight=False,
             soft_wrap=True,
         )
-
-    def _track(self, keys: list[str]) -> None:
-        """Bring records into the tracker; when it cannot be reached, say so once and go on: nothing is lost."""
-        if self.trouble or not keys:
-            return
-        try:
-            for key in keys:
-                outcome = read_record(self.settings.trials / key)
-                if outcome is not None:
-                    self._tracker.log(outcome, self.settings.trials / key)
-        except UsageError as error:
-            self.trouble = str(error)
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            self.trouble = f"tracker {self.settings.tracking_uri}: {type(error).__name__}: {reason}"

@@ -7,6 +7,7 @@ never inherits the state of the process that asked for it. Linux and macOS.
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import multiprocessing
 import multiprocessing.connection
@@ -14,16 +15,25 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
 from harness.environment import THREAD_VARIABLES
 from harness.record import CRASHED, OK, OOM, TIMEOUT
 
-PRELOAD = ["harness.worker"]
-OOM_EXIT = 77
+PRELOAD = ["harness.warm"]
+OOM_EXIT, DISK_EXIT = 77, 78
+LOST_EXIT = 255  # what multiprocessing says where nobody saw the child end
+POLL = 0.25  # seconds between two questions whether the child is still wanted
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+
+
+class Stopped(Exception):
+    """The child was ended before it was done, because it was no longer wanted."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,26 @@ class Ended:
     detail: str = ""
 
 
+#: Held where a child is started, which changes the environment and the main module for a moment and asks after all
+#: other children, and where one is asked how it ended: the server says so once.
+_CHILDREN = threading.Lock()
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+
+def start_server(threads: int = 1) -> None:
+    """Start the server that forks the children, if it is not there: it loads their libraries while others do theirs."""
+    _CONTEXT.set_forkserver_preload(PRELOAD)
+    with _CHILDREN, _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
+        forkserver.ensure_running()
+
+
+def start_process(target: Callable[..., None], *args: Any) -> None:
+    """Start a long-lived helper process that ends by itself when its connection does."""
+    start_server()
+    with _CHILDREN, _light_main():
+        _CONTEXT.Process(target=target, args=args, daemon=True).start()
+
+
 def run_isolated(
     target: str,
     args: tuple[Any, ...],
@@ -42,6 +72,7 @@ def run_isolated(
     memory_gb: float,
     threads: int,
     log: Path | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Ended:
     """Call a function in a child process under limits.
 
@@ -57,33 +88,45 @@ def run_isolated(
         BLAS threads of the child.
     log : Path, optional
         Where the child's standard output and error go.
+    stopped : callable
+        Asked several times a second; once true, the child is killed.
 
     Returns
     -------
     Ended
         ok, timeout, oom, or crashed with the signal or exit code.
+
+    Raises
+    ------
+    Stopped
+        If ``stopped`` said so.
+    OSError
+        If the child could not write its files for want of space.
     """
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOAD)
-    with _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
-        child = context.Process(target=_child, args=(target, args, memory_gb, threads, log))
+    start_server(threads)
+    with _CHILDREN, _light_main():
+        child = _CONTEXT.Process(target=_child, args=(target, args, memory_gb, threads, log))
         child.start()
+    end = time.monotonic() + seconds
     try:
-        child.join(seconds)
-        if child.exitcode is None:
-            _kill_group(child.pid)
+        while not multiprocessing.connection.wait([child.sentinel], min(POLL, max(0.0, end - time.monotonic()))):
+            if stopped():
+                raise Stopped
+            if time.monotonic() >= end:
+                return Ended(TIMEOUT, f"took more than {seconds:g} s")
+    finally:
+        _kill_group(child.pid)  # or whatever it left running
+        with _CHILDREN:
             child.join()
-            return Ended(TIMEOUT, f"took more than {seconds:g} s")
-    except BaseException:
-        _kill_group(child.pid)
-        child.join()
-        raise
-    code = child.exitcode
-    _kill_group(child.pid)  # whatever it left running
+    code = child.exitcode or 0
     if code == 0:
         return Ended(OK)
     if code == OOM_EXIT:
         return Ended(OOM, f"needed more than {memory_gb:g} GB")
+    if code == DISK_EXIT:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), None if log is None else str(log.parent))
+    if code == LOST_EXIT:
+        return Ended(CRASHED, "the process was killed, or lost with the server that started it")
     if code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return Ended(CRASHED, f"the process was killed by {name}")
@@ -100,16 +143,22 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
         os.dup2(handle, 2)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     _limit_memory(memory_gb)
-    from threadpoolctl import threadpool_limits
+    if os.environ.get(THREAD_VARIABLES[0]) != str(threads):  # the server's, under which its libraries were loaded
+        from threadpoolctl import threadpool_limits
 
-    threadpool_limits(threads)
+        threadpool_limits(threads)
     try:
         module, name = target.split(":")
         getattr(importlib.import_module(module), name)(*args)
     except MemoryError:
         os._exit(OOM_EXIT)
+    except OSError as error:
+        if error.errno in DISK:
+            os._exit(DISK_EXIT)
+        raise
     sys.stdout.flush()
     sys.stderr.flush()
+    os._exit(0)  # what Python tears down, the system does at once
 
 
 def _die_with_parent() -> None:

@@ -4,34 +4,37 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
 import sys
-import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import hydra
 from hydra._internal.utils import get_args_parser
 from omegaconf import DictConfig
 
-from harness.experiments import checked, effective, read
+from harness.experiments import Settings, expand
 from harness.follow import Follower
+from harness.isolation import start_server
+from harness.launcher import Launcher
 from harness.record import OK, UsageError
-from harness.trial import execute, journal
+from harness.storage import check_space, read_record
+from harness.sweep import Job, Work, go_through
+from harness.trial import identify, journal, repeats
 
-PARENT = "HARNESS_SWEEP_PID"
-ATTEMPTS = 3  # of a sweep whose worker process was lost
+ATTEMPTS = 3  # in a row that may end early without a trial done
 
 
 @hydra.main(config_path="pkg://conf", config_name="config", version_base="1.3")
-def job(cfg: DictConfig) -> str:
-    """One trial of a run or sweep; its failure is an outcome, never an exception."""
-    _end_with_the_sweep()
-    trial, settings = read(cfg)
-    outcome, _ = execute(trial, settings)
-    return outcome.status
+def job(cfg: DictConfig) -> None:
+    """One worker of a sweep: a Hydra job, whatever the launcher."""
+    path = Path(cfg.work)
+    if path.is_file():  # otherwise the sweep is over
+        go_through(Work.read(path))
 
 
 def main(argv: Sequence[str]) -> int:
@@ -41,6 +44,8 @@ def main(argv: Sequence[str]) -> int:
     ------
     UsageError
         If the command line or the overrides cannot be used; nothing has run then.
+    OSError
+        If the output folder cannot be written.
     """
     asked, unknown = get_args_parser().parse_known_args(list(argv))
     if unknown:
@@ -52,27 +57,72 @@ def main(argv: Sequence[str]) -> int:
         overrides.append(f"hydra.searchpath=[file://{Path(asked.config_dir).resolve()}]")
     if asked.help or asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
         return _hydra(list(argv))
-    words, jobs = effective(overrides)
-    _, settings = checked(jobs)
-    settings = replace(settings, sweep=settings.sweep or _name())
-    journal(settings.output, settings.sweep).parent.mkdir(parents=True, exist_ok=True)
-    flags = ["--multirun"] if len(jobs) > 1 or asked.multirun else []
-    os.environ[PARENT] = str(os.getpid())
-    with Follower(settings, len(jobs)) as follower:
-        for _ in range(ATTEMPTS):  # what is done is skipped, so another attempt runs the rest
-            trouble = _attempt([*flags, *words, f"sweep={settings.sweep}"])
-            if not trouble:
-                break
+    start_server()
+    begun = datetime.now(UTC).isoformat(timespec="milliseconds")
+    trials = expand(overrides)
+    sweep = trials[0][1].sweep or _name()
+    jobs: dict[str, Job] = {}
+    for trial, own in trials:
+        jobs.setdefault(identify(trial, own)[0], Job(trial, replace(own, sweep=sweep)))
+    settings = next(iter(jobs.values())).settings
+    launcher = Launcher(overrides, settings)
+
+    def missing() -> dict[str, Job]:
+        found = {key: read_record(settings.trials / key) for key in jobs}
+        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, begun)}
+        return {key: job for key, job in jobs.items() if key in again}
+
+    journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
+    titles = {key: job.trial.title for key, job in jobs.items()}
+    with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
+        trouble = _carry_out(missing, settings, launcher, begun)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
-    if flags and not follower.trouble:
+    if len(jobs) > 1 or asked.multirun:
         _show(overrides)
     return _report(follower)
 
 
+def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher, begun: str) -> str:
+    """Start workers until nothing is missing; what was in the way, or "".
+
+    An attempt may end early, as when a worker is killed; the next runs the rest.
+    """
+    folder = journal(settings.output, settings.sweep).parent
+    until, lost, trouble = time.time() + settings.sweep_seconds, 0, ""
+    left = missing()
+    while left and lost < ATTEMPTS and time.time() < until:
+        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), begun, until)
+        try:
+            trouble = _attempt(work, launcher)
+        except BaseException:
+            work.end()
+            raise
+        work.clear()
+        still = missing()
+        left, lost = still, lost + 1 if len(still) == len(left) else 0
+        try:
+            check_space(folder)  # however a worker's error came here
+        except OSError as error:
+            trouble, lost = f"{error.filename}: {error.strerror}; make room", ATTEMPTS
+    if not left:
+        return ""
+    return f"its {settings.sweep_seconds:g} s are over" if time.time() >= until else trouble or "its workers were lost"
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """End on SIGTERM as on Ctrl-C: workers are told, what was finished is kept."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _show(overrides: Sequence[str]) -> None:
     """Print the tables that a sweep has just filled."""
-    from harness.answers import answers
+    from harness.answers import recorded
     from reports.layouts import FILLS, Layout
     from reports.tables import build
     from reports.writers import console
@@ -80,43 +130,25 @@ def _show(overrides: Sequence[str]) -> None:
     named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
     name = named[-1].partition("=")[2] if named else "sweep"
     others = [word for word in overrides if word not in named]
-    store = None
     for table in FILLS.get(name, (name,)):
-        found, _, store = answers([*([f"+experiment={table}"] if named else []), *others], store)
+        found = recorded([*([f"+experiment={table}"] if named else []), *others])
         console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
 
 
-def _attempt(argv: list[str]) -> str:
-    """Let Hydra run the jobs; what ended it early, or ""."""
+def _attempt(work: Work, launcher: Launcher) -> str:
+    """Have workers go through the work; what ended them early, or ""."""
     try:
-        _hydra(argv)
-    except KeyboardInterrupt:
-        raise
+        launcher.launch(work, _hydra)
     except Exception as error:
         return f"the sweep ended early ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
     return ""
-
-
-def _end_with_the_sweep() -> None:
-    """In a launcher's worker process: end when the process that started the sweep is gone, rather than idle on."""
-    parent = os.environ.get(PARENT)
-    if parent != str(os.getppid()):
-        return
-
-    def watch() -> None:
-        while str(os.getppid()) == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    if not any(thread.name == watch.__name__ for thread in threading.enumerate()):
-        threading.Thread(target=watch, name=watch.__name__, daemon=True).start()
 
 
 def _report(follower: Follower) -> int:
     entries = follower.entries.values()
     ran = [entry for entry in entries if entry.ran]
     before = len(entries) - len(ran)
-    missing = max(0, follower.total - follower.reached)
+    missing = len(follower.titles) - len(entries)
     bad = {status: n for status, n in follower.counts.items() if status != OK}
     parts = [f"{len(ran)} run" if ran else "nothing to run"]
     if before:
@@ -124,8 +156,8 @@ def _report(follower: Follower) -> int:
     parts += [f"{n} {status}" for status, n in sorted(bad.items())]
     if missing:
         parts.append(f"{missing} not reached")
-    plural = "" if follower.total == 1 else "s"
-    print(f"{follower.total} trial{plural}: {', '.join(parts)}. Output: {follower.settings.output}")
+    total = len(follower.titles)
+    print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,6 +20,7 @@ from harness.environment import environment
 from harness.record import Outcome
 
 RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "log.txt"
+LEAST = 1 << 20  # bytes of a disk that count as none
 TRACKED = "tracked.txt"  # the store that holds the record, and the record's time
 
 
@@ -41,6 +44,12 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def check_space(folder: Path) -> None:
+    """Raise OSError where next to nothing can be written any more, so that a full disk is not taken for a failure."""
+    if shutil.disk_usage(folder).free < LEAST:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
 
 def write_text(path: Path, text: str) -> None:

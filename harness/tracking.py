@@ -79,7 +79,7 @@ class Tracker:
         from mlflow import MlflowClient
 
         for name in ("mlflow", "alembic", "sqlalchemy"):
-            logging.getLogger(name).setLevel(logging.ERROR)
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised as well
         artifacts = None
         try:
             if self.uri.startswith("sqlite:///"):
@@ -119,6 +119,7 @@ class Tracker:
             The run's id.
         """
         from mlflow.entities import Metric, Param, RunStatus, RunTag
+        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
         client = self.client
         with FileLock(self.output / ".tracker.lock"):
@@ -137,18 +138,18 @@ class Tracker:
             metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
             points = [Metric(name, value, end, 0) for name, value in metrics.items()]
             points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
+            place = get_artifact_repository(run.info.artifact_uri, tracking_uri=self.uri)
+            for name in (RESULT, ARRAYS, TRACEBACK, LOG):
+                if (folder / name).is_file() and (folder / name).stat().st_size:
+                    place.log_artifact(str(folder / name))
+            status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
+            client.set_terminated(run_id, RunStatus.to_string(status), end)
             client.log_batch(
                 run_id,
                 metrics=points[:1000],
                 params=[Param(k, v) for k, v in flatten(outcome.parameters).items()],
-                tags=[RunTag("record", outcome.to_json())],
+                tags=[RunTag("record", outcome.to_json()), RunTag("finished", outcome.finished)],
             )
-            for name in (RESULT, ARRAYS, TRACEBACK, LOG):
-                if (folder / name).is_file() and (folder / name).stat().st_size:
-                    client.log_artifact(run_id, str(folder / name))
-            status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
-            client.set_terminated(run_id, RunStatus.to_string(status), end)
-            client.set_tag(run_id, "finished", outcome.finished)
             self._note(outcome, folder)
         return run_id
 

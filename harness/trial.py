@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from datasets import registry as datasets
 from datasets.body import DatasetError, MissingData
 from harness import storage
+from harness.environment import COMPUTES, environment
 from harness.experiments import Settings
-from harness.isolation import run_isolated
+from harness.isolation import Stopped, run_isolated
 from harness.record import ABSENT, FAILED, OK, Outcome, Trial
 from harness.running import place
 from methods.base import MethodError
@@ -48,18 +50,54 @@ def done(trial: Trial, settings: Settings) -> tuple[str, Outcome | None]:
     return key, storage.read_record(settings.trials / key)
 
 
-def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
+class Busy(Exception):
+    """Somebody else is at work on the trial."""
+
+
+def execute(
+    trial: Trial,
+    settings: Settings,
+    *,
+    since: str = "",
+    again: bool = False,
+    stopped: Callable[[], bool] = lambda: False,
+    wait: bool = True,
+) -> tuple[Outcome, bool]:
     """Run a trial unless it is done, and return its record and whether it ran.
 
     Two processes that meet at one trial wait for each other, and the second finds it done.
+
+    Parameters
+    ----------
+    trial : Trial
+    settings : Settings
+    since : str
+        The time from which on a record counts as new, whatever ``settings.rerun`` says.
+    again : bool
+        Run it whatever record it has.
+    stopped : callable
+        Asked now and then; once true, the trial ends and leaves no record.
+    wait : bool
+        For somebody else at work on the trial.
+
+    Raises
+    ------
+    Busy
+        If somebody else is at work on the trial and ``wait`` is false.
+    harness.isolation.Stopped
+        If it was to end before it was done.
+    OSError
+        If its files cannot be written.
     """
     key, reason = identify(trial, settings)
     folder = settings.trials / key
+    before = storage.read_record(folder)
+    if before is not None and not (again or repeats(before, settings.rerun, since)):
+        return before, False
     folder.mkdir(parents=True, exist_ok=True)
-    with FileLock(folder / ".lock"):
+    with _own(folder / ".lock", stopped, wait):
         before = storage.read_record(folder)
-        if before is not None and not _again(before, settings.rerun):
-            note(settings, Entry(key, trial.title, before.status, ran=False))
+        if before is not None and not (again or repeats(before, settings.rerun, since)):
             return before, False
         (folder / storage.TRACEBACK).unlink(missing_ok=True)
         start = time.monotonic()
@@ -70,25 +108,57 @@ def execute(trial: Trial, settings: Settings) -> tuple[Outcome, bool]:
         else:
             stand_in = settings.missing == "stand_in"
             running = place(settings.output, settings.sweep, key)
-            ended = run_isolated(
-                "harness.worker:work",
-                (trial, blank, settings.data, stand_in, folder, settings.memory_gb, running),
-                seconds=settings.seconds,
-                memory_gb=settings.memory_gb,
-                threads=settings.threads,
-                log=folder / storage.LOG,
-            )
-            if running is not None:
-                running.unlink(missing_ok=True)
+            try:
+                ended = run_isolated(
+                    "harness.worker:work",
+                    (trial, blank, settings.data, stand_in, folder, settings.memory_gb, running),
+                    seconds=settings.seconds,
+                    memory_gb=settings.memory_gb,
+                    threads=settings.threads,
+                    log=folder / storage.LOG,
+                    stopped=stopped,
+                )
+            finally:
+                if running is not None:
+                    running.unlink(missing_ok=True)
             if ended.status != OK:
+                storage.check_space(folder)
                 seconds = round(time.monotonic() - start, 4)
                 storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))
         outcome = storage.read_record(folder)
         assert outcome is not None
         if outcome.status != OK:
             (folder / storage.ARRAYS).unlink(missing_ok=True)  # of an earlier run
-        note(settings, Entry(key, trial.title, outcome.status, ran=True))
         return outcome, True
+
+
+@contextmanager
+def _own(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
+    """Hold a trial's lock; raises Busy or Stopped."""
+    lock = FileLock(path)
+    while True:
+        try:
+            lock.acquire(timeout=0.5 if wait else 0)
+            break
+        except Timeout:
+            if not wait:
+                raise Busy from None
+            if stopped():
+                raise Stopped from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def repeats(before: Outcome, rerun: str, since: str = "") -> bool:
+    """Whether a trial with this record is to run again: never if the record is of ``since`` or younger."""
+    if since and before.finished >= since:
+        return False
+    if rerun == "stale":
+        here = environment()
+        return any(before.environment.get(name) != here[name] for name in COMPUTES)
+    return rerun == "all" or (rerun == "failed" and before.status != OK)
 
 
 def note(settings: Settings, entry: Entry) -> None:
@@ -119,10 +189,6 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
                 return
             start += len(line)
             yield Entry(**json.loads(line)), start
-
-
-def _again(before: Outcome, rerun: str) -> bool:
-    return rerun == "all" or (rerun == "failed" and before.status != OK)
 
 
 def _blank(trial: Trial, key: str, sweep: str) -> Outcome:

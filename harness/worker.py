@@ -17,7 +17,7 @@ from datasets.body import DatasetError, MissingData
 from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
-from harness.isolation import peak_mb
+from harness.isolation import DISK, peak_mb
 from harness.memory import Size, refusal
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
@@ -50,6 +50,8 @@ def work(
     except MemoryError:
         raise
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in DISK:
+            raise
         text = " ".join(str(error).split()) or type(error).__name__
         if not isinstance(error, EXPECTED):
             text = f"{type(error).__name__}: {text}"

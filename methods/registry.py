@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -51,7 +52,10 @@ def algorithm(name: object) -> type[BaseEstimator]:
     word = str(name)
     if word.isidentifier() and find_spec(f"methods.{word}") and (own := _of_module(word)):
         return own
-    theirs = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    theirs = others()
+    if name not in theirs:  # it may have come since
+        others.cache_clear()
+        theirs = others()
     if name not in theirs:
         raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
     return _of_package(theirs[word])
@@ -90,6 +94,12 @@ def _of_package(entry: EntryPoint) -> type[BaseEstimator]:
     if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
         raise MethodError(f"{where} is {found!r}, not a class that derives from methods.base.Method")
     return found
+
+
+@cache
+def others() -> Mapping[str, EntryPoint]:
+    """The algorithms that installed packages add, by name; not imported yet. Of one name the first counts."""
+    return {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
 
 
 def build(settings: Mapping[str, Any]) -> BaseEstimator:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from harness.tracking import Tracked, Tracker
 
 NAUGHTY = '''
 import os, signal, time
@@ -119,3 +124,47 @@ def harness(
 TINY = ("dataset.points=8", "dataset.frames=12", "method=edsc")
 #: The misbehaving method in place of a real one.
 ODD = (*TINY, "~method.clusterer", "method.algorithm=naughty", "method.name=naughty")
+
+
+def records(tmp_path: Path) -> dict[str, dict]:
+    """The records in the trial folders, by key."""
+    return {p.parent.name: json.loads(p.read_text()) for p in (tmp_path / "out/trials").glob("*/result.json")}
+
+
+def tracked(tmp_path: Path) -> list[Tracked]:
+    """The runs of the store."""
+    return Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").outcomes()
+
+
+def started(environment: dict[str, str], tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
+    """The command line as a terminal would start it: a process group of its own that Ctrl-C reaches."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "harness", *arguments],
+        env=environment,
+        cwd=tmp_path,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+
+
+def processes(tmp_path: Path) -> list[int]:
+    """Every process that works for the output folder."""
+    mark, found = f"HARNESS_OUTPUT={tmp_path}/out".encode(), []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if mark in path.read_bytes().split(b"\0") and b"Z" not in (path.parent / "stat").read_bytes().split()[2]:
+                found.append(int(path.parent.name))
+        except OSError:
+            continue
+    return sorted(found)
+
+
+def until(what: Callable[[], object], seconds: float = 60) -> None:
+    """Wait for something to be true."""
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it did not come true in time"
+        time.sleep(0.02)

@@ -84,7 +84,7 @@ def test_one_sees_how_far_a_trial_is(settings: Settings) -> None:
     [(key, step)] = steps(settings.output, "s")
     assert key == "k1" and (step.iteration, step.iterations) == (7, 250)
     assert step.words == "dense [ours]: shape 1e-02, code 2e-05"
-    follower = Follower(settings, 1)
+    follower = Follower(settings, {"k1": "dense [ours]"}, ())
     follower._console = Console(file=io.StringIO(), force_terminal=True)
     follower._show()
     bar = follower._progress.tasks[-1]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from methods.registry import others
 from tests.harness.conftest import ROOT, TINY, Shell
 
 EXAMPLE = ROOT / "examples/nrsfm-example"
@@ -39,6 +40,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     root = tmp_path / "site"
     root.mkdir()
     monkeypatch.syspath_prepend(str(root))
+    others.cache_clear()
 
     def make(code: str, declared: str, **files: str) -> str:
         name = f"theirs_{next(NUMBERS)}"

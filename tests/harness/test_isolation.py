@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +86,14 @@ def test_output_goes_to_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str
 def test_blas_threads_are_capped(tmp_path: Path) -> None:
     assert isolated("threads", tmp_path / "file").status == OK
     assert (tmp_path / "file").read_text() == "{1}"
+
+
+def test_many_at_once_each_end_as_they_ended(tmp_path: Path) -> None:
+    """Children of several threads: the end of one is never taken for another's."""
+    ways = {"write": OK, "exit": CRASHED, "segfault": CRASHED}
+    with ThreadPoolExecutor(4) as pool:
+        jobs = [(how, pool.submit(isolated, how, tmp_path / f"{how}{i}")) for i in range(25) for how in ways]
+    for how, job in jobs:
+        ended = job.result()
+        assert ended.status == ways[how]
+        assert "lost" not in ended.detail
