@@ -1,13 +1,14 @@
 """Clustering in 2D, and the two-stage pipelines of reconstruction and clustering.
 
-Each is composed of a clusterer (SSC, EDSC: scikit-learn estimators on tracks as samples) and a reconstructor (BMM).
+Each is composed of a clusterer (SSC, SSC-OMP, EDSC, LRR: scikit-learn estimators on tracks as samples) and a
+reconstructor (BMM, PTA).
 """
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
 import scipy.linalg
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
@@ -26,6 +27,7 @@ from methods.base import (
     standardise,
 )
 from methods.gaps import complete, enough
+from methods.pta import trajectory_basis
 
 
 class ClusterTracks(Method):
@@ -74,7 +76,7 @@ class ClusterTracks(Method):
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """See :meth:`methods.base.Method.memory`."""
-        return clusterer_bytes(n_points)
+        return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
 class ReconstructThenCluster(Method):
@@ -115,7 +117,8 @@ class ReconstructThenCluster(Method):
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """See :meth:`methods.base.Method.memory`."""
-        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
+        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
+        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
 
 
 class ClusterThenReconstruct(Method):
@@ -172,10 +175,11 @@ class ClusterThenReconstruct(Method):
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """See :meth:`methods.base.Method.memory`."""
-        return clusterer_bytes(n_points) + (self.reconstructor.memory(n_frames, n_points) or 0.0)
+        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
+        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
 
 
-def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array]:
+def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array | sp.sparray]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
 
     The columns of W or S on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4). The
@@ -191,9 +195,12 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None)
     return fitted.labels_, fitted.affinity_matrix_
 
 
-def clusterer_bytes(n_points: int) -> float:
-    """Bytes that SSC and EDSC take at their peak: eleven P x P arrays, as measured."""
-    return 8.0 * 11 * n_points**2
+def clusterer_bytes(clusterer: BaseEstimator, n_points: int, n_features: int) -> float:
+    """Bytes that a clusterer takes at its peak: what it foresees itself, or the eleven P x P arrays of SSC and EDSC, as
+    measured.
+    """
+    own = getattr(clusterer, "memory", None)
+    return own(n_points, n_features) if own else 8.0 * 11 * n_points**2
 
 
 def principal(trajectories: Array, dimension: int) -> Array:
@@ -239,7 +246,7 @@ def lift(centroid: Array, cameras: Array, order: int) -> Array:
     F = len(centroid)
     if not 1 <= order <= F:
         raise MethodError(f"trajectory_order is {order}, wanted 1..{F}")
-    basis = scipy.fft.idct(np.eye(F, order), axis=0, norm="ortho")
+    basis = trajectory_basis(F, order)
     system = np.einsum("fij,fk->fijk", cameras, basis).reshape(2 * F, 3 * order)
     weights = np.linalg.lstsq(system, centroid.reshape(2 * F), rcond=None)[0]
     return basis @ weights.reshape(3, order).T

@@ -20,16 +20,22 @@ from methods.adaptive import AdaptiveMultiBody
 from methods.base import Method, MethodError
 from methods.bmm import BMM
 from methods.edsc import EDSC
+from methods.lrr import LRR
 from methods.multibody import MultiBody
 from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
+from methods.pta import PTA
 from methods.ssc import SSC
+from methods.ssc_omp import SSCOMP
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "ours": AdaptiveMultiBody,
     "ours_printed": MultiBody,
     "bmm": BMM,
+    "pta": PTA,
     "ssc": SSC,
+    "ssc_omp": SSCOMP,
     "edsc": EDSC,
+    "lrr": LRR,
     "cluster_tracks": ClusterTracks,
     "reconstruct_then_cluster": ReconstructThenCluster,
     "cluster_then_reconstruct": ClusterThenReconstruct,

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from reports.columns import E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_R, MEAN, MEDIAN
 from reports.design import E_3D, E_MS, Layout, Method
-from reports.notes import ADAPTIVE, DENSE, FIXED, ROOM, SHARE
+from reports.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
 from reports.pools import HOPKINS
 from reports.studies import STUDIES
 
@@ -28,6 +28,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ours_printed_diag": "As printed, C - diag(C)",
         "ours_printed_no_nuclear": "As printed, no nuclear norm",
         "bmm": "BMM",
+        "pta": "PTA",
         "edsc": "EDSC",
         "ssc2d": "SSC(2D)",
         "ssc2d_share70": "SSC(2D), share .7",
@@ -36,9 +37,14 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "bmm_ssc3d_share70": "BMM + SSC(3D), share .7",
         "ssc2d_bmm": "SSC(2D) + BMM",
         "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",
+        "omp2d": "SSC-OMP(2D)",
+        "lrr2d": "LRR(2D)",
+        "bmm_lrr3d": "BMM + LRR(3D)",
+        "pta_ssc3d_share70": "PTA + SSC(3D), share .7",
         "ssc_raw": "SSC",
         "ssc_raw_4n": "SSC, 4n dimensions",
         "edsc_raw": "EDSC",
+        "lrr_raw": "LRR",
     }
 )
 
@@ -51,6 +57,8 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
                 Method("ssc2d", r"SSC ($e_{MS}$)"),
                 Method("ssc2d_share70"),
                 Method("edsc", r"EDSC ($e_{MS}$)"),
+                Method("omp2d", label="SSC-OMP(2D) †"),
+                Method("lrr2d", label="LRR(2D) †"),
                 Method("ours", "Ours"),
                 Method("ours_printed"),
             ),
@@ -58,7 +66,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             source="table1",
             points="table1",
             joiner="+",
-            notes=(SHARE, ADAPTIVE),
+            notes=(SHARE, ADAPTIVE, FURTHER),
         ),
         "table2": Layout(
             title="Table 2",
@@ -66,16 +74,18 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             "error (e_3D) and non-rigid motion segmentation error (e_MS) are used as error metrics.",
             methods=(
                 Method("bmm_ssc3d", "BMM + SSC (3D)"),
-                Method("bmm_ssc3d_share70"),
+                Method("bmm_ssc3d_share70", metrics=(E_MS,)),
                 Method("ssc2d_bmm", "SSC(2D) + BMM"),
                 Method("ssc2d_bmm_share70"),
+                Method("bmm_lrr3d", label="BMM + LRR(3D) †", metrics=(E_MS,)),
+                Method("pta_ssc3d_share70", label="PTA + SSC(3D), share .7 †"),
                 Method("ours", "Our Method"),
                 Method("ours_printed"),
             ),
             source="table2",
             points="table1",
             joiner=" + ",
-            notes=(SHARE, ADAPTIVE),
+            notes=(SHARE, ADAPTIVE, FURTHER),
         ),
         "table3": Layout(
             title="Table 3",
@@ -155,8 +165,9 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         ),
         "single_body": Layout(
             title="Single bodies",
-            caption="The block matrix method on one body at a time: rotation error (e_R) and 3D error (e_3D) with "
-            "cameras from the tracks alone, and 3D error with known cameras.",
+            caption="The block matrix method (BMM) and the point trajectory approach (PTA) on one body at a time: "
+            "rotation error (e_R) and 3D error (e_3D) with cameras from the tracks alone, and 3D error with known "
+            "cameras.",
             methods=(
                 Method(
                     "bmm",
@@ -165,22 +176,35 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
                     metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
                 ),
                 Method("bmm", where={"cameras.source": "known"}, label="BMM, cameras known", metrics=(E_3D_KNOWN,)),
+                Method(
+                    "pta",
+                    printed="pta_stored",
+                    where={"cameras.source": "estimated"},
+                    label="PTA, cameras estimated",
+                    metrics=(E_3D_ALIGNED, E_3D_CAMERA),
+                ),
+                Method("pta", where={"cameras.source": "known"}, label="PTA, cameras known", metrics=(E_3D_KNOWN,)),
             ),
             source="single_body",
             points="single_body",
-            notes=(FIXED,),
+            notes=(FIXED, TRAJECTORIES),
         ),
         "hopkins155": Layout(
             title="Hopkins155",
             caption="Share of wrong tracks in per cent, mean and median over scenes of rigid motions in real video, "
-            "SSC and EDSC with their authors' settings. The published numbers are recalled from SSC's paper and not "
+            "SSC, EDSC and LRR with their authors' settings. The published numbers are recalled from SSC's paper and not "
             "checked against it: a target to confirm.",
-            methods=(Method("ssc_raw", "SSC", printed="ssc"), Method("ssc_raw_4n"), Method("edsc_raw")),
+            methods=(
+                Method("ssc_raw", "SSC", printed="ssc"),
+                Method("ssc_raw_4n"),
+                Method("edsc_raw"),
+                Method("lrr_raw"),
+            ),
             metrics=(MEAN, MEDIAN),
             parts=Layout(
                 title="Scene by scene",
                 caption="",
-                methods=(Method("ssc_raw"), Method("ssc_raw_4n"), Method("edsc_raw")),
+                methods=(Method("ssc_raw"), Method("ssc_raw_4n"), Method("edsc_raw"), Method("lrr_raw")),
                 metrics=(E_MS,),
             ),
             source="hopkins155",

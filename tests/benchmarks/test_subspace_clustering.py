@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from harness.metrics import n_wrong
 from methods.spectral import spectral_clustering
 from methods.ssc import SSC
+from methods.ssc_omp import SSCOMP
 
 spams = pytest.importorskip("spams")
 SUBSPACES, DIMENSION, AMBIENT = 5, 6, 100
@@ -77,9 +78,10 @@ def cluster(code: sp.csc_array) -> np.ndarray:
 
 
 SOLVERS = {
-    "ours": lambda X: SSC(SUBSPACES, alpha=20.0, affine=False).fit(X.T).labels_,
+    "our SSC": lambda X: SSC(SUBSPACES, alpha=20.0, affine=False).fit(X.T).labels_,
     "elastic net": lambda X: cluster(elastic_net(X)),
     "matching pursuit": lambda X: cluster(matching_pursuit(X)),
+    "our matching pursuit": lambda X: SSCOMP(SUBSPACES, n_nonzero=DIMENSION).fit(X.T).labels_,
 }
 
 

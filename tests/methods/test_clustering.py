@@ -11,11 +11,19 @@ from harness.metrics import n_wrong
 from methods.base import MethodError
 from methods.cuts import normalised_cut, recursive_cut
 from methods.edsc import EDSC, dense_code
+from methods.lrr import LRR
 from methods.spectral import leading, spectral_clustering
 from methods.ssc import SSC, code_affinity, sparse_code
+from methods.ssc_omp import SSCOMP
+
+#: Three blobs of the plane are no three subspaces: two of its points express all others.
+BLOBS = {"check_clustering": "clusters blobs of the plane, which are one subspace"}
 
 
-@parametrize_with_checks([SSC(), EDSC()])
+@parametrize_with_checks(
+    [SSC(), SSCOMP(), EDSC(), LRR(), LRR(weight=None)],
+    expected_failed_checks=lambda estimator: BLOBS if isinstance(estimator, SSCOMP) else {},
+)
 def test_scikit_learn_contract(estimator, check) -> None:
     check(estimator)
 
