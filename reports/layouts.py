@@ -192,8 +192,8 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "hopkins155": Layout(
             title="Hopkins155",
             caption="Share of wrong tracks in per cent, mean and median over scenes of rigid motions in real video, "
-            "SSC, EDSC and LRR with their authors' settings. The published numbers are recalled from SSC's paper and not "
-            "checked against it: a target to confirm.",
+            "SSC, EDSC and LRR with their authors' settings. The published numbers are recalled from SSC's paper and "
+            "not checked against it: a target to confirm.",
             methods=(
                 Method("ssc_raw", "SSC", printed="ssc"),
                 Method("ssc_raw_4n"),

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from statistics import mean, median
-
 import numpy as np
 import pytest
 import scipy.linalg
 
-from datasets import hopkins
 from harness.metrics import n_wrong
 from methods.base import MethodError
 from methods.lrr import LRR, low_rank_code
-from methods.pipelines import cluster
 from tests.methods.test_clustering import union
 
 
@@ -84,16 +79,3 @@ def test_light_weights_give_up_points_and_keep_the_rest_low_rank(rng: np.random.
 def test_settings_that_cannot_be_are_refused(settings: dict) -> None:
     with pytest.raises(MethodError, match=next(iter(settings))):
         LRR(2, **settings).fit(np.eye(5))
-
-
-@pytest.mark.slow
-@pytest.mark.data
-def test_hopkins155(data_folder: Path) -> None:
-    """With its authors' weight and power on the tracks as they are; 1.71 % are recalled from the paper."""
-    wrong = []
-    for name in hopkins.SCENES:
-        scene = hopkins.load_scene(data_folder, name)
-        labels, _ = cluster(LRR(weight=4.0, power=4.0), scene.tracks, scene.n_bodies)
-        wrong.append(100 * n_wrong(labels, scene.labels) / scene.n_points)
-    assert median(wrong) < 0.2
-    assert mean(wrong) == pytest.approx(1.71, abs=0.5)
