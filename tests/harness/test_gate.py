@@ -145,5 +145,5 @@ def test_report_writes_every_format_of_one_table(harness: Shell, grid: str, tmp_
 def test_report_of_nothing_says_so_and_still_writes(harness: Shell, tmp_path: Path) -> None:
     done = harness("report", "table1", "--quiet")
     assert done.returncode == 2
-    assert "40 trials are not run yet" in done.stderr
+    assert "56 trials are not run yet" in done.stderr
     assert "not run" in (tmp_path / "out/report/table1.md").read_text()
