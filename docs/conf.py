@@ -35,7 +35,7 @@ html_title = f"{project} {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_math_renderer = "svg"
-html_copy_source = False
+html_copy_source = html_show_search_summary = False  # a summary would be fetched, which a file may not
 html_show_sourcelink = False
 html_show_sphinx = html_show_copyright = False
 suppress_warnings = ["ref.python"]  # of two classes of one name in an annotation, either is linked

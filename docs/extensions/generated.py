@@ -78,7 +78,7 @@ def configuration() -> str:
 def _file(path: Path) -> list[str]:
     about, keys = described(path)
     table = [f"| `{key.name}` | {_code(key.value)} | {_cell(key.comment)} |" for key in keys]
-    return [*about, "", *(["| Key | Default | |", "|---|---|---|", *table, ""] if table else [])]
+    return [*about, "", *(["| Key | Default | Meaning |", "|---|---|---|", *table, ""] if table else [])]
 
 
 def described(path: Path) -> tuple[list[str], list[Key]]:
@@ -91,7 +91,10 @@ def described(path: Path) -> tuple[list[str], list[Key]]:
             break
         if not line.startswith("# @package"):
             head.append(line[1:])
-    about = [f"`{line.strip()}`\n" if re.match(r" {2,}\w|\s*harness ", line) else _cell(line.strip()) for line in head]
+    shown = [line for line in head if re.match(r" {2,}\w| harness ", line)]
+    about = [_cell(line.strip()) for line in head if line not in shown]
+    if shown:
+        about += ["", "```text", *(line.strip() for line in shown), "```"]
     tree = yaml.compose(text)
     keys = []
     if isinstance(tree, yaml.MappingNode):
