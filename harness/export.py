@@ -254,6 +254,7 @@ def _record(solution: Solution) -> str:
 
 def page(solution: Solution) -> str:
     """The page of a solution, in the axes of the truth where that is known."""
+    from harness.solution import called
     from reports.view import Shown, view
 
     scene, S, truth = solution.scene, solution.structure, None
@@ -273,7 +274,7 @@ def page(solution: Solution) -> str:
             truth=truth,
             cameras=scene.cameras if truth is not None else solution.cameras,
             labels=solution.labels,
-            bodies=solution.bodies,
+            bodies=[called(body) for body in solution.bodies],
             wrong=wrong,
             edges=scene.edges,
             affinity=solution.affinity,

@@ -157,7 +157,7 @@ class Solution:
         ]
         if self.labels is not None:
             sizes = ", ".join(
-                f"{name}: {n} tracks"
+                f"{called(name)}: {n} tracks"
                 for name, n in zip(self.bodies, np.bincount(self.labels).tolist(), strict=True)
                 if n
             )
@@ -197,6 +197,11 @@ class Solution:
         path.write_text(page(self), encoding="utf-8")
         webbrowser.open(path.as_uri())
         return path
+
+
+def called(body: str) -> str:
+    """A body's name for readers: ``label 2`` where it is a mere number."""
+    return f"label {body}" if body.lstrip("-").isdigit() else body
 
 
 def load(path: str | Path) -> Scene:

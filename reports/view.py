@@ -119,12 +119,13 @@ def _view(shown: Shown, blobs: Blobs) -> tuple[dict[str, Any], str]:
         if X is not None:
             X = X[::step][:, :, points]
             data[name] = blobs.add(turned @ (X - np.nanmean(X, axis=2, keepdims=True)), "int16")
-    eye = np.array([0.7, -1.9, 0.5])
+    eye = np.array([1.0, -2.1, 0.6])
     if shown.truth is not None and shown.cameras is not None:
         eye = _facing(shown.cameras[0]).T @ eye
     data["eye"] = dict(zip("xyz", _short(eye), strict=True))
     data["ids"] = [one_line(shown.ids[p], 60) for p in points.tolist()]
-    data["frames"] = [one_line(name, 60) for name in shown.frames[::step]]
+    if list(shown.frames) != list(map(str, range(F))):
+        data["frames"] = [one_line(name, 60) for name in shown.frames[::step]]
     if shown.labels is not None:
         data["labels"] = shown.labels[points].tolist()
         data["bodies"] = {k: _label(shown, k) for k in np.unique(shown.labels).tolist()}

@@ -41,6 +41,7 @@ const nrsfmTools = (data) => {
     const { xaxis, yaxis, ...rest } = more;
     return {
       font: { color: colour("ink"), size: 13 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("muted"), activecolor: colour("ink") },
       margin: { l: 55, r: 15, t: 35, b: 45 }, legend: { orientation: "h", y: -0.25 },
       xaxis: { ...axis, ...xaxis }, yaxis: { ...axis, ...yaxis }, ...rest,
     };
@@ -107,7 +108,7 @@ const nrsfmTools = (data) => {
       const sets = parts.map(({ from, rows }) => at(from, frame, rows));
       slider.value = frame;
       const place = `frame ${frame * view.step + 1} of ${view.total}`;
-      told.textContent = view.frames ? `${place}: ${view.frames[frame]}` : place;
+      told.textContent = view.frames ? `${place} (${view.frames[frame]})` : place;
       box.dataset.frame = frame;
       return Plotly.restyle(box, { x: sets.map((s) => s[0]), y: sets.map((s) => s[1]), z: sets.map((s) => s[2]) }, parts.map((_, i) => i));
     }
@@ -153,7 +154,7 @@ const nrsfmTools = (data) => {
   function line(title, curves, options = {}) {
     const box = make("div", { class: "plot", role: "img", "aria-label": title });
     const traces = Object.entries(curves).map(([name, { x, y }], i) => ({ x, y, name, mode: "lines", line: { color: data.colours[i % 6], dash: ["solid", "dash", "dot", "dashdot"][i % 4] } }));
-    return { box, start: () => Plotly.newPlot(box, traces, layout({ title: { text: title, font: { size: 14 } }, height: 320, showlegend: traces.length > 1, ...options }), plain) };
+    return { box, start: () => Plotly.newPlot(box, traces, layout({ title: { text: title, font: { size: 14 }, x: 0.02, xanchor: "left" }, height: 320, showlegend: traces.length > 1, ...options }), plain) };
   }
 
   /** What is plotted of a run besides its view: errors by frame, curves, affinity; each a box and what fills it. */
@@ -168,7 +169,7 @@ const nrsfmTools = (data) => {
       const box = make("div", { class: "plot", role: "img", "aria-label": "affinity" });
       found.push({ box, start: () => {
         const { trace, shapes } = heat(run.affinity.matrix, run.affinity.edges);
-        return Plotly.newPlot(box, [trace], layout({ title: { text: "Affinity, tracks sorted by body", font: { size: 14 } }, height: 320, shapes,
+        return Plotly.newPlot(box, [trace], layout({ title: { text: "Affinity, tracks sorted by body", font: { size: 14 }, x: 0.02, xanchor: "left" }, height: 320, shapes,
           xaxis: { constrain: "domain" }, yaxis: { autorange: "reversed", scaleanchor: "x", constrain: "domain" } }), plain);
       } });
     }
