@@ -38,6 +38,12 @@ def environment() -> dict[str, str]:
     }
 
 
+def checkout() -> Path | None:
+    """The folder of the sources where the harness runs from a checkout; None where it is an installed package."""
+    root = Path(__file__).parents[1]
+    return root if (root / "pyproject.toml").is_file() else None
+
+
 def cores() -> int:
     """Of this machine, those that this process may use."""
     if hasattr(os, "sched_getaffinity"):

@@ -17,7 +17,8 @@ from harness.baseline import Baseline, bless
 from harness.ci import FORMATS, Gate
 from harness.compare import compare, tolerances
 from harness.comparison import show
-from harness.experiments import compose_config
+from harness.configurations import compose_config
+from harness.environment import checkout
 from harness.record import Outcome, UsageError
 from harness.storage import write_text
 
@@ -62,6 +63,8 @@ def bless_main(argv: Sequence[str]) -> int:
     """
     given = parsers.bless().read(argv)
     path = locate(given.name)
+    if checkout() is None and not given.name.endswith(".json"):
+        raise UsageError(f"the baselines of an installed harness are not written; name a file, {given.name}.json")
     baseline = bless(
         measured(_with_experiment(given.overrides, Path(given.name).stem)),
         path,

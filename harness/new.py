@@ -11,9 +11,9 @@ from pathlib import Path
 
 import jinja2
 
-import harness
 from datasets import registry as datasets
 from harness import parsers
+from harness.environment import checkout
 from harness.extensions import choices, installed
 from harness.record import UsageError
 from methods import base
@@ -27,8 +27,8 @@ KINDS = {"method": (methods.ENTRY_POINTS, "methods"), "dataset": (datasets.ENTRY
 def main(argv: Sequence[str]) -> int:
     """Write the files and say what to do next."""
     given = parsers.new().read(argv)
-    root = Path(harness.__file__).parents[1]
-    if given.package is None and (root / "pyproject.toml").is_file() and Path.cwd().is_relative_to(root):
+    root = checkout()
+    if given.package is None and root is not None and Path.cwd().is_relative_to(root):
         texts = _in_checkout(root, given.kind, given.name)
         after = ""
     else:
