@@ -15,7 +15,21 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")))
 PAGES += ["examples/nrsfm-example/README.md"]
-PROGRAMS = ("harness", "make", "pip", "pytest", "python", "sbatch", "srun", "mlflow", "docker", "git", "ssh", "ray")
+PROGRAMS = (
+    "harness",
+    "eval",
+    "make",
+    "pip",
+    "pytest",
+    "python",
+    "sbatch",
+    "srun",
+    "mlflow",
+    "docker",
+    "git",
+    "ssh",
+    "ray",
+)
 #: Fences by language: what runs, and what is only shown.
 RUN, SHOWN = ("sh", "python"), ("text", "yaml", "toml", "json", "math", "{toctree}", "{eval-rst}")
 
@@ -86,17 +100,32 @@ def commands(page: str) -> list[Command]:
     found = []
     for block in blocks((ROOT / page).read_text(encoding="utf-8")):
         if block.kind == "prose":
-            text = "\n".join(block.lines)
-            for span in re.finditer(r"(?<!`)`([^`]+)`(?!`)", text):
-                words = " ".join(span[1].split())
-                if words.partition(" ")[0] in PROGRAMS and " " in words:
-                    found.append(Command(page, block.line + text[: span.start()].count("\n"), words))
+            found += [Command(page, line, text) for line, text in _spans(block) if not _is_mention(text)]
         elif block.kind in ("sh", "indented"):
             for number, line in enumerate(block.lines, block.line):
                 for part in re.split(r"\s+&&\s+", _uncommented(line)):
                     if part and (block.kind == "sh" or part.partition(" ")[0] in PROGRAMS):
                         found.append(Command(page, number, part))
     return found
+
+
+def mentions(page: str) -> list[Command]:
+    """What a page's prose says of a command without being one: a verb alone, or with NAMES in the place of words."""
+    every = [b for b in blocks((ROOT / page).read_text(encoding="utf-8")) if b.kind == "prose"]
+    return [Command(page, line, text) for block in every for line, text in _spans(block) if _is_mention(text)]
+
+
+def _spans(block: Block) -> list[tuple[int, str]]:
+    """Line and text of what stands between backquotes and starts with a program."""
+    text = "\n".join(block.lines)
+    spans = [
+        (text[: m.start()].count("\n"), " ".join(m[1].split())) for m in re.finditer(r"(?<!`)`([^`]+)`(?!`)", text)
+    ]
+    return [(block.line + line, said) for line, said in spans if said.partition(" ")[0] in PROGRAMS and " " in said]
+
+
+def _is_mention(text: str) -> bool:
+    return text.startswith("harness ") and (text.count(" ") == 1 or bool(re.search(r"\b[A-Z]{4,}\b|\w\|\w", text)))
 
 
 def _uncommented(line: str) -> str:
@@ -165,6 +194,10 @@ RULES = (
     Rule(r"harness run \+experiment=scene_study", "dataset=face_yoga scene=default,native method=edsc", data=True),
     Rule(r"harness run \+experiment=rank_study", "dataset=face_yoga method.rank=6,null", data=True),
     Rule(r"harness run \+experiment=rotation_ablation", "dataset.body=shark change=none,rigid"),
+    # tracks of one's own: the test puts a tracks.npz there
+    Rule(r"harness solve .* --bodies 2", quick=True),
+    Rule(r"harness solve .*"),
+    Rule(r"harness run (-m )?dataset=tracks .*"),
     # single trials and small sweeps: as they are
     Rule(r"harness run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02", data=True),
     Rule(r"harness run dataset=procedural method=ours", "dataset.points=8 dataset.frames=12", quick=True),
@@ -176,6 +209,8 @@ RULES = (
     Rule(r"harness compare \+experiment=table.*", codes=(2,)),
     Rule(r"harness compare .*"),
     Rule(r"harness bless .*"),
+    Rule(r"harness doctor" + ANY, codes=(0, 2)),  # it finds what a machine lacks
+    Rule(r'eval "\$\(harness completion bash\)"'),
     Rule(r"harness list" + ANY, quick=True),
     Rule(r"harness data (list|where)", quick=True),
     Rule(r"harness data verify", codes=(0, 2)),

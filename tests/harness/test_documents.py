@@ -10,16 +10,20 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hydra import compose
 from hydra._internal.utils import get_args_parser
 
+from datasets import procedural
+from harness.arguments import Parser
 from harness.cli import VERBS
-from harness.data import _parser
 from harness.experiments import configurations, expand, read, spanned
+from harness.parsers import PARSERS
 from methods.registry import build_method
 from tests.harness.conftest import Shell
 from tests.harness.documents import (
@@ -32,6 +36,7 @@ from tests.harness.documents import (
     Command,
     blocks,
     commands,
+    mentions,
     rule,
     snippets,
 )
@@ -46,6 +51,11 @@ def test_every_command_has_a_rule_and_every_rule_a_command() -> None:
     assert not [str(command) for command in EVERY if rule(command) is None]
     used = {rule(command) for command in EVERY}
     assert not [own.pattern for own in RULES if own not in used]
+
+
+def test_verbs_that_the_prose_names_are_there() -> None:
+    for command in (command for page in PAGES for command in mentions(page)):
+        assert command.words[1] in (*VERBS, "VERB"), command
 
 
 def test_every_block_is_of_a_known_kind() -> None:
@@ -66,39 +76,38 @@ def tree() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("command", ONCE, ids=lambda command: command.text)
-def test_command_is_composed(command: Command, tree: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_is_composed(command: Command, tree: None) -> None:
     """Its options are known, its configuration is made, its methods are built, what it names is there."""
     program, *words = command.words
     if program == "make":
         assert re.search(rf"^{words[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), command
     elif program == "harness":
         assert words[0] in VERBS, command
-        _compose(words[0], words[1:], capsys)
+        _compose(words[0], words[1:])
+    elif program == "eval":
+        assert words[0].startswith("$(harness completion "), command
     else:
         assert program in ("pip", "pytest"), command
 
 
-def _compose(verb: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    if verb == "data":
-        _parser().parse_args(words)
-        return
+def _compose(verb: str, words: list[str]) -> None:
     if verb == "run":
         asked, unknown = get_args_parser().parse_known_args(words)
         assert not unknown
         overrides = asked.overrides
     else:
-        capsys.readouterr()
-        with pytest.raises(SystemExit):
-            VERBS[verb](["--help"])
-        known = capsys.readouterr().out
-        options = [word for word in words if word.startswith("-")]
-        assert all(re.search(rf"(^|[\s\[]){re.escape(option)}\b", known) for option in options), options
-        overrides = [word for word in words if "=" in word]
+        given = _parser(verb).read(words)
+        overrides = getattr(given, "overrides", getattr(given, "words", []))
+    overrides = [word for word in overrides if "=" in word]
     names = [word for word in words if verb == "report" and re.fullmatch(r"\w+", word) and "." not in word]
-    if verb in ("list", "new", "sync", "ui") or any(own in " ".join(words) for own in OWN):
+    if verb in ("list", "new", "sync", "ui", "completion") or any(own in " ".join(words) for own in OWN):
         return
     for own in [[f"+experiment={name}"] for name in names if (ROOT / f"conf/experiment/{name}.yaml").exists()] or [[]]:
         _make((*own, *overrides))
+
+
+def _parser(verb: str) -> Parser:
+    return PARSERS[verb]() if verb in PARSERS else import_module("harness.solving")._parser()
 
 
 @cache
@@ -114,7 +123,14 @@ def _make(overrides: tuple[str, ...]) -> None:
 QUICK = [command for command in ONCE if (found := rule(command)) and found.quick]
 
 
-def test_quick_commands_run(harness: Shell) -> None:
+def write_tracks(folder: Path) -> None:
+    """The tracks.npz that pages speak of."""
+    scene = procedural.load_scene(["person", "face"], 15, 30, 0, name="tracks", placement="paper")
+    np.savez(folder / "tracks.npz", tracks=scene.tracks, cameras=scene.cameras)
+
+
+def test_quick_commands_run(harness: Shell, tmp_path: Path) -> None:
+    write_tracks(tmp_path)
     for command in QUICK:
         found = rule(command)
         assert found
@@ -125,6 +141,7 @@ def test_quick_commands_run(harness: Shell) -> None:
 @pytest.mark.parametrize("page", [page for page in PAGES if snippets(page)])
 def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> None:
     """A page's snippets in one process, so that later ones see earlier names; there is no choice of one's own yet."""
+    write_tracks(tmp_path)
     text = "\n\n".join(snippets(page)).replace("my_scenes dataset.points=40", "procedural dataset.points=8")
     (tmp_path / "page.py").write_text(text.replace("method=my_method", "method=edsc"))
     done = subprocess.run(
@@ -146,6 +163,8 @@ def test_keys_that_the_pages_name_are_there() -> None:
         for block in blocks((ROOT / page).read_text(encoding="utf-8")):
             for span in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", "\n".join(block.lines) if block.kind == "prose" else ""):
                 for word in span.replace("'", "").split():
+                    if word.endswith((".csv", ".json", ".npz", ".yaml")):
+                        continue
                     key, given, value = word.lstrip("+").partition("=")
                     group = key.partition(".")[0]
                     if given and re.fullmatch(r"[\w./]+", key):
@@ -215,9 +234,10 @@ def test_commands_run(page: str, environment: dict[str, str], tmp_path: Path) ->
     root, programs, site = tmp_path / "checkout", tmp_path / "bin", tmp_path / "site"
     for part in ("harness", "methods", "datasets", "reports", "conf", "docs", "examples", "tests"):
         shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("__pycache__"))
-    for path in (*ROOT.glob("*.md"), ROOT / "pyproject.toml", ROOT / "Makefile"):
+    for path in (p for p in ROOT.iterdir() if p.is_file()):
         shutil.copy(path, root)
     programs.mkdir()
+    write_tracks(root)
     pip = f"pip install --quiet --no-deps --no-build-isolation --no-index --target {site}"
     for name, words in (("harness", 'harness "$@"'), ("pytest", 'pytest -n0 -p no:cacheprovider "$@"'), ("pip", pip)):
         script = programs / name
