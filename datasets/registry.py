@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from datasets import garg, hopkins, mocap, procedural, sources, take, tracks, two_person
+from datasets import ENTRY_POINTS, garg, hopkins, mocap, procedural, sources, take, tracks, two_person
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 from datasets.thinning import Thinning
@@ -200,9 +200,6 @@ SOURCES: dict[str, Source] = {
     "garg": (_garg, _garg_digest),
     "tracks": (_tracks, _tracks_digest),
 }
-
-
-ENTRY_POINTS = "nrsfm_harness.datasets"
 
 
 def source(name: object) -> Source:

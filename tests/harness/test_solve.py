@@ -30,7 +30,7 @@ from methods.base import Method, MethodError, Reconstruction
 from reports.style import COLOURS
 from tests.harness.conftest import ROOT, Shell, started, until
 
-README = ROOT / "README.md"
+README, PAGE = ROOT / "README.md", ROOT / "docs/own_tracks.md"
 
 
 @pytest.fixture(scope="module")
@@ -390,12 +390,16 @@ def test_the_lines_of_the_readme(readers_folder: Path, monkeypatch: pytest.Monke
     page.parent.rmdir()
 
 
-def test_the_commands_of_the_readme(readers_folder: Path, harness: Shell) -> None:
-    commands = re.findall(r"(?m)^    harness (solve .*)$", section())
-    assert len(commands) == 3
+def test_the_commands_of_the_documents(readers_folder: Path, harness: Shell) -> None:
+    found = [
+        command for text in (section(), PAGE.read_text()) for command in re.findall(r"(?m)^    harness (.*)$", text)
+    ]
+    commands = list(dict.fromkeys(found))
+    assert len(commands) == 4
     for command in commands:
-        done = harness(*command.split())
+        done = harness(*command.split(), *(["dataset.name=mine"] if command.startswith("run") else []))
         assert done.returncode == 0, done.stderr
+        assert "wrong" in done.stdout
 
 
 @pytest.mark.data
