@@ -37,7 +37,7 @@ def after(line: str) -> list[str]:
         ("report table1 --folder out conv", ["convergence"]),
         ("bless ", ["quick", "tables"]),
         ("solve ", [":files"]),
-        ("solve tracks.npz --method bmm_s", ["bmm_ssc3d", "bmm_ssc3d_share70"]),
+        ("solve tracks.npz --method ours_ap", ["ours_apart"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
         ("solve tracks.npz method.max_", ["method.max_iter="]),
         ("bless quick comp", ["compare.", "compare="]),
