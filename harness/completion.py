@@ -65,12 +65,16 @@ def _of_verb(parser: Parser, before: Sequence[str], word: str) -> dict[str, str]
     if value_of is not None:
         if value_of.type is Path:
             return {FILES: ""}
+        if value_of.dest in parser.offers:
+            return _beginning(word, parser.offers[value_of.dest]())
         return _beginning(word, dict.fromkeys(map(str, value_of.choices or ()), ""))
     if word.startswith("-"):
         return _beginning(word, {flag: action.help or "" for flag, action in options.items() if len(flag) > 2})
     place = places[min(len(words), len(places) - 1)] if places else None
     if place is None or (len(words) >= len(places) and place.nargs != "*"):
         return {}
+    if place.type is Path:
+        return {FILES: ""}
     offered = {}
     if place.dest in parser.offers:
         offered = dict(parser.offers[place.dest]())

@@ -50,6 +50,46 @@ harness run --cfg job method=edsc  # the configuration, and nothing runs""",
     return parser
 
 
+def solve() -> Parser:
+    """Its overrides are those of ``method``, ``cameras`` and ``limits.memory_gb``."""
+    parser = Parser(
+        "harness solve",
+        "Reconstruct tracks of your own in 3D, and tell the bodies apart. No tracker is needed.",
+        """\
+harness solve tracks.npz --bodies 2  # arrays: tracks (F, 2, P) or W (2F, P); NaN is not observed
+harness solve tracks.csv --bodies auto  # frame,track,x,y[,label][,visible], a line an observation
+harness solve wide.csv --bodies 2  # x_A,y_A,x_B,y_B or A.x,A.y,B.x,B.y, a line a frame
+harness solve take.c3d --open  # markers in 3D before a camera that circles; opens the view
+harness solve tracks.mat --bodies 3 --method bmm_ssc3d
+harness solve tracks.npz --bodies 2 --cameras estimated --rank 7
+harness solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16""",
+        "fields of .npz and .mat, all but the tracks optional:\n"
+        "  tracks or W     (F, 2, P) or (2F, P), rows x, y       visible    (F, P), 1 where a track is observed\n"
+        "  cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal     labels, s  (P,), the true body of each track\n"
+        "  structure or S  (F, 3, P) or (3F, P), the truth\n\n"
+        "written: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, ply/frame_0000.ply and so\n"
+        "on, view.html (3D, for any browser, no network), summary.txt, result.json\n\n"
+        "exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 usage",
+    )
+    parser.add_argument("file", type=Path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_argument(
+        "overrides", nargs="*", metavar="OVERRIDE", help="a setting of the method, of cameras, or limits.memory_gb"
+    )
+    parser.overrides = "overrides"
+    parser.add_argument(
+        "--bodies", metavar="N", help="how many there are, or auto: counted, which is seldom right; the labels' number"
+    )
+    parser.add_argument("--method", metavar="NAME", default="ours", help="of 'harness list methods'; %(default)s")
+    parser.offers["method"] = _choices("method")
+    parser.add_argument(
+        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, where it has some"
+    )
+    parser.add_argument("--rank", type=int, metavar="K", help="shapes, for estimated cameras; 11 by default")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write; OUTPUT/solve/NAME by default")
+    parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
+    return parser
+
+
 def plan() -> Parser:
     parser = Parser(
         "harness plan",
@@ -254,6 +294,7 @@ harness completion fish | source  # in ~/.config/fish/config.fish, too""",
 #: By verb, in the order of the usage.
 PARSERS: Mapping[str, Callable[[], Parser]] = {
     "run": run,
+    "solve": solve,
     "plan": plan,
     "report": report,
     "compare": compare,

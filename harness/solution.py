@@ -312,7 +312,8 @@ def _configured(overrides: Sequence[str]) -> dict[str, Any]:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    from harness.experiments import compose_config, one_line, read
+    from harness.configurations import compose_config, one_line
+    from harness.experiments import read
 
     cfg = compose_config(overrides)
     read(cfg)

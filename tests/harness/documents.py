@@ -194,8 +194,7 @@ RULES = (
     Rule(r"harness run \+experiment=scene_study", "dataset=face_yoga scene=default,native method=edsc", data=True),
     Rule(r"harness run \+experiment=rank_study", "dataset=face_yoga method.rank=6,null", data=True),
     Rule(r"harness run \+experiment=rotation_ablation", "dataset.body=shark change=none,rigid"),
-    # tracks of one's own: the test puts a tracks.npz there
-    Rule(r"harness solve .* --bodies 2", quick=True),
+    # tracks of one's own: the test puts files there
     Rule(r"harness solve .*"),
     Rule(r"harness run (-m )?dataset=tracks .*"),
     # single trials and small sweeps: as they are

@@ -10,7 +10,6 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +17,9 @@ import pytest
 import yaml
 from hydra import compose
 from hydra._internal.utils import get_args_parser
+from scipy.io import savemat
 
 from datasets import procedural
-from harness.arguments import Parser
 from harness.cli import VERBS
 from harness.experiments import configurations, expand, read, spanned
 from harness.parsers import PARSERS
@@ -96,18 +95,17 @@ def _compose(verb: str, words: list[str]) -> None:
         assert not unknown
         overrides = asked.overrides
     else:
-        given = _parser(verb).read(words)
+        parser = PARSERS[verb]()
+        given = parser.parse_args(words) if verb == "data" else parser.read(words)
         overrides = getattr(given, "overrides", getattr(given, "words", []))
+        if verb == "solve":
+            overrides.insert(0, f"method={given.method}")
     overrides = [word for word in overrides if "=" in word]
     names = [word for word in words if verb == "report" and re.fullmatch(r"\w+", word) and "." not in word]
     if verb in ("list", "new", "sync", "ui", "completion") or any(own in " ".join(words) for own in OWN):
         return
     for own in [[f"+experiment={name}"] for name in names if (ROOT / f"conf/experiment/{name}.yaml").exists()] or [[]]:
         _make((*own, *overrides))
-
-
-def _parser(verb: str) -> Parser:
-    return PARSERS[verb]() if verb in PARSERS else import_module("harness.solving")._parser()
 
 
 @cache
@@ -124,9 +122,16 @@ QUICK = [command for command in ONCE if (found := rule(command)) and found.quick
 
 
 def write_tracks(folder: Path) -> None:
-    """The tracks.npz that pages speak of."""
-    scene = procedural.load_scene(["person", "face"], 15, 30, 0, name="tracks", placement="paper")
-    np.savez(folder / "tracks.npz", tracks=scene.tracks, cameras=scene.cameras)
+    """The tracks.npz, tracks.mat and tracks.csv that pages speak of."""
+    scene = procedural.load_scene(["person", "face"], 15, 40, 0, name="tracks", placement="paper")
+    np.savez(folder / "tracks.npz", tracks=scene.tracks, labels=scene.labels)
+    savemat(folder / "tracks.mat", {"W": scene.tracks.reshape(-1, scene.n_points)})
+    rows = [
+        f"{f},{p},{x},{y}"
+        for f, (xs, ys) in enumerate(scene.tracks)
+        for p, (x, y) in enumerate(zip(xs, ys, strict=True))
+    ]
+    (folder / "tracks.csv").write_text("\n".join(["frame,track,x,y", *rows]) + "\n")
 
 
 def test_quick_commands_run(harness: Shell, tmp_path: Path) -> None:

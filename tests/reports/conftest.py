@@ -1,14 +1,16 @@
-"""Answers as the tracker gives them, made by hand."""
+"""Answers as the tracker gives them, made by hand; and pages in a real browser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from harness.record import Outcome, Trial
+from tests.conftest import chromium
 
 POINTS = {
     "dance_yoga": 116,
@@ -108,3 +110,44 @@ def table1_answers() -> list[tuple[Trial, Tracked | None]]:
 def table2_answers() -> list[tuple[Trial, Tracked | None]]:
     """Table 2 with every number there."""
     return full(("bmm_ssc3d", "ssc2d_bmm", "ours"), structure=True)
+
+
+SOFTWARE_GL = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        shown = playwright.chromium.launch(executable_path=chromium(), args=SOFTWARE_GL)
+        yield shown
+        shown.close()
+
+
+class Shown:
+    """A page with what went wrong on it, and every address that it asked for."""
+
+    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
+        self.troubles: list[str] = []
+        self.asked: list[str] = []
+        self.page = browser.new_context(**context).new_page()
+        self.page.on("pageerror", lambda error: self.troubles.append(str(error)))
+        self.page.on("console", lambda said: self.troubles.append(said.text) if said.type == "error" else None)
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(path.as_uri())
+
+    def frame(self) -> int:
+        self.page.wait_for_selector(".view[data-frame]")
+        return int(self.page.get_attribute(".view", "data-frame"))
+
+    def until(self, true: Callable[[], bool], seconds: float = 30) -> None:
+        """Wait; the page's policy forbids Playwright's own way, a string that is evaluated."""
+        for _ in range(int(20 * seconds)):
+            if true():
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError("waited in vain")
+
+    def scene(self) -> str:
+        """The positions that the 3D view shows now."""
+        return str(self.page.evaluate("JSON.stringify(document.querySelector('.view').data.map(t => t.x))"))

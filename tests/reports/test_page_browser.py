@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 
 from harness.report import Report, write
-from tests.conftest import chromium
-from tests.reports.conftest import full, make_answer
+from tests.reports.conftest import Shown, full, make_answer
 
 pytestmark = pytest.mark.browser
 
 EVIL = "<img src=x onerror=document.title='broken'></script><script>document.title='broken'</script>"
-SOFTWARE_GL = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 
 
 @pytest.fixture(scope="module")
@@ -45,44 +43,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     write(Report({"table1": table1, "table2": table2}, lambda _: arrays), folder)
     return folder / "index.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with api.sync_playwright() as playwright:
-        shown = playwright.chromium.launch(executable_path=chromium(), args=SOFTWARE_GL)
-        yield shown
-        shown.close()
-
-
-class Shown:
-    """A page with what went wrong on it, and every address that it asked for."""
-
-    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
-        self.troubles: list[str] = []
-        self.asked: list[str] = []
-        self.page = browser.new_context(**context).new_page()
-        self.page.on("pageerror", lambda error: self.troubles.append(str(error)))
-        self.page.on("console", lambda said: self.troubles.append(said.text) if said.type == "error" else None)
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.goto(path.as_uri())
-
-    def frame(self) -> int:
-        self.page.wait_for_selector("dialog .view[data-frame]")
-        return int(self.page.get_attribute("dialog .view", "data-frame"))
-
-    def until(self, true: Callable[[], bool], seconds: float = 30) -> None:
-        """Wait; the page's policy forbids Playwright's own way, a string that is evaluated."""
-        for _ in range(int(20 * seconds)):
-            if true():
-                return
-            self.page.wait_for_timeout(50)
-        raise AssertionError("waited in vain")
-
-    def scene(self) -> str:
-        """The positions that the 3D view shows now."""
-        return str(self.page.evaluate("JSON.stringify(document.querySelector('dialog .view').data.map(t => t.x))"))
 
 
 @pytest.fixture
