@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import signal
 import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,7 +25,7 @@ def act(how: str, path: str) -> None:
         print("spoken")
         os.system("echo shouted >&2")
     if how == "child":
-        child = subprocess.Popen(["sleep", "600"])
+        child = subprocess.Popen(["sleep", "600"], process_group=0)
         Path(path).write_text(str(child.pid))
         time.sleep(600)
     if how == "segfault":
@@ -34,6 +36,22 @@ def act(how: str, path: str) -> None:
         raise RuntimeError("no")
     if how == "memory":
         np.ones(2**29)
+    if how == "family":  # four of half a GB each
+        forked = [os.fork() == 0 for _ in range(2)]
+        held = np.ones(2**26)
+        time.sleep(60)
+        print(forked, held[0])
+    if how == "heirs":  # four of one half GB
+        held = np.ones(2**26)
+        forked = [os.fork() == 0 for _ in range(2)]
+        assert held.sum() == 2**26
+        time.sleep(3)
+        if any(forked):
+            os._exit(0)
+    if how == "shared":
+        held = np.frombuffer(mmap.mmap(-1, 5 * 2**28), np.uint8)
+        held[:] = 1
+        time.sleep(60)
     if how == "threads":
         from threadpoolctl import threadpool_info
 
@@ -59,6 +77,16 @@ def test_endings(tmp_path: Path, how: str, status: str, word: str) -> None:
     ended = isolated(how, tmp_path / "file")
     assert ended.status == status
     assert word in ended.detail
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell what processes hold")
+@pytest.mark.parametrize(("how", "status"), [("family", OOM), ("shared", OOM), ("heirs", OK)])
+def test_memory_of_a_trial_and_its_own_processes_counts_together(tmp_path: Path, how: str, status: str) -> None:
+    start = time.monotonic()
+    ended = isolated(how, tmp_path / "file", memory_gb=1.2)
+    assert ended.status == status
+    assert "more than 1.2 GB together" in ended.detail or status == OK
+    assert time.monotonic() - start < 30
 
 
 def test_time_limit_ends_descendants_too(tmp_path: Path) -> None:
