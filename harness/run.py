@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import hydra
@@ -58,24 +58,26 @@ def main(argv: Sequence[str]) -> int:
     if asked.help or asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
         return _hydra(list(argv))
     start_server()
-    begun = datetime.now(UTC).isoformat(timespec="milliseconds")
     trials = expand(overrides)
     sweep = trials[0][1].sweep or _name()
     jobs: dict[str, Job] = {}
     for trial, own in trials:
-        jobs.setdefault(identify(trial, own)[0], Job(trial, replace(own, sweep=sweep)))
+        key = identify(trial, own)[0]
+        if key not in jobs:
+            found = read_record(own.trials / key)
+            jobs[key] = Job(trial, replace(own, sweep=sweep), found.finished if found else "")
     settings = next(iter(jobs.values())).settings
     launcher = Launcher(overrides, settings)
 
     def missing() -> dict[str, Job]:
         found = {key: read_record(settings.trials / key) for key in jobs}
-        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, begun)}
+        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, jobs[key].old)}
         return {key: job for key, job in jobs.items() if key in again}
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
     titles = {key: job.trial.title for key, job in jobs.items()}
     with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
-        trouble = _carry_out(missing, settings, launcher, begun)
+        trouble = _carry_out(missing, settings, launcher)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
     if len(jobs) > 1 or asked.multirun:
@@ -83,7 +85,7 @@ def main(argv: Sequence[str]) -> int:
     return _report(follower)
 
 
-def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher, begun: str) -> str:
+def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher) -> str:
     """Start workers until nothing is missing; what was in the way, or "".
 
     An attempt may end early, as when a worker is killed; the next runs the rest.
@@ -92,7 +94,7 @@ def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launch
     until, lost, trouble = time.time() + settings.sweep_seconds, 0, ""
     left = missing()
     while left and lost < ATTEMPTS and time.time() < until:
-        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), begun, until)
+        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), until)
         try:
             trouble = _attempt(work, launcher)
         except BaseException:

@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def execute(
     trial: Trial,
     settings: Settings,
     *,
-    since: str = "",
+    old: str | None = None,
     again: bool = False,
     stopped: Callable[[], bool] = lambda: False,
     wait: bool = True,
@@ -71,8 +71,9 @@ def execute(
     ----------
     trial : Trial
     settings : Settings
-    since : str
-        The time from which on a record counts as new, whatever ``settings.rerun`` says.
+    old : str, optional
+        When the record that the sweep found was finished, "" if there was none: any other record is new, whatever
+        ``settings.rerun`` says. Told by what it says and not by its age, for clocks of machines differ.
     again : bool
         Run it whatever record it has.
     stopped : callable
@@ -92,12 +93,12 @@ def execute(
     key, reason = identify(trial, settings)
     folder = settings.trials / key
     before = storage.read_record(folder)
-    if before is not None and not (again or repeats(before, settings.rerun, since)):
+    if before is not None and not (again or repeats(before, settings.rerun, old)):
         return before, False
     folder.mkdir(parents=True, exist_ok=True)
     with _own(folder / ".lock", stopped, wait):
         before = storage.read_record(folder)
-        if before is not None and not (again or repeats(before, settings.rerun, since)):
+        if before is not None and not (again or repeats(before, settings.rerun, old)):
             return before, False
         (folder / storage.TRACEBACK).unlink(missing_ok=True)
         start = time.monotonic()
@@ -151,9 +152,9 @@ def _own(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
         lock.release()
 
 
-def repeats(before: Outcome, rerun: str, since: str = "") -> bool:
-    """Whether a trial with this record is to run again: never if the record is of ``since`` or younger."""
-    if since and before.finished >= since:
+def repeats(before: Outcome, rerun: str, old: str | None = None) -> bool:
+    """Whether a trial with this record is to run again: never if the record is another than the ``old`` one."""
+    if old is not None and before.finished != old:
         return False
     if rerun == "stale":
         here = environment()
@@ -179,7 +180,10 @@ def journal(output: Path, sweep: str) -> Path:
 
 
 def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
-    """Whole lines of a journal from a byte offset on, each with the offset behind it."""
+    """Whole lines of a journal from a byte offset on, each with the offset behind it.
+
+    A line that a kill or a full disk cut short, with the next one behind it, says nothing.
+    """
     if not path.is_file():
         return
     with path.open("rb") as stream:
@@ -188,7 +192,8 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
             if not line.endswith(b"\n"):
                 return
             start += len(line)
-            yield Entry(**json.loads(line)), start
+            with suppress(ValueError, TypeError):
+                yield Entry(**json.loads(line)), start
 
 
 def _blank(trial: Trial, key: str, sweep: str) -> Outcome:

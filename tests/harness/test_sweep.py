@@ -144,6 +144,19 @@ def test_stale_records_are_renewed_when_asked(harness: Shell, tmp_path: Path) ->
     assert "nothing to run, 2 done before" in harness(*words, "rerun=stale").stdout
 
 
+def test_records_of_a_clock_ahead_are_renewed_like_any_other(harness: Shell, tmp_path: Path) -> None:
+    """What is new is told by what the sweep found, not by clocks, which differ from machine to machine."""
+    words = ("run", "-m", *TINY, "noise.level=0,0.02")
+    assert harness(*words).returncode == 0
+    path = sorted((tmp_path / "out/trials").glob("*/result.json"))[0]
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"finished": "2999-01-01T00:00:00.000+00:00"}))
+    assert "2 trials: 2 run." in harness(*words, "rerun=all").stdout
+    assert all(r["finished"] < "2999" for r in records(tmp_path).values())
+    assert sorted(t.outcome.finished for t in tracked(tmp_path)) == sorted(
+        r["finished"] for r in records(tmp_path).values()
+    )
+
+
 @pytest.mark.parametrize("turn", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 20))])
 def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path, turn: int) -> None:
     command = [
