@@ -201,7 +201,7 @@ def held_gb(session: int, enough: float) -> float:
 def _members(session: int) -> list[int]:
     """The processes of a session; none where the system keeps no list."""
     found = []
-    for name in os.listdir("/proc") if sys.platform == "linux" else ():
+    for name in os.listdir("/proc") if sys.platform == "linux" else ():  # noqa: PTH208, it asks for names
         with contextlib.suppress(OSError):
             if name.isdecimal() and os.getsid(int(name)) == session:
                 found.append(int(name))

@@ -21,7 +21,7 @@ from harness.experiments import Settings, expand
 from harness.follow import Follower
 from harness.isolation import start_server
 from harness.launcher import Launcher
-from harness.record import OK, UsageError
+from harness.record import OK, Trial, UsageError
 from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
@@ -81,7 +81,7 @@ def main(argv: Sequence[str]) -> int:
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
     if len(jobs) > 1 or asked.multirun:
-        _show(overrides)
+        _show(overrides, trials)
     return _report(follower)
 
 
@@ -122,8 +122,8 @@ def _interruptible() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _show(overrides: Sequence[str]) -> None:
-    """Print the tables that a sweep has just filled."""
+def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
+    """Print the tables that a sweep of these trials has just filled."""
     from harness.answers import recorded
     from reports.layouts import FILLS, Layout
     from reports.tables import build
@@ -133,7 +133,8 @@ def _show(overrides: Sequence[str]) -> None:
     name = named[-1].partition("=")[2] if named else "sweep"
     others = [word for word in overrides if word not in named]
     for table in FILLS.get(name, (name,)):
-        found = recorded([*([f"+experiment={table}"] if named else []), *others])
+        asked = trials if table == name else expand([f"+experiment={table}", *others])
+        found = recorded(asked)
         console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
 
 

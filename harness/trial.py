@@ -180,10 +180,7 @@ def journal(output: Path, sweep: str) -> Path:
 
 
 def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
-    """Whole lines of a journal from a byte offset on, each with the offset behind it.
-
-    A line that a kill or a full disk cut short, with the next one behind it, says nothing.
-    """
+    """Whole lines of a journal from a byte offset on, each with the offset behind it; other lines are passed over."""
     if not path.is_file():
         return
     with path.open("rb") as stream:
