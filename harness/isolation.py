@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing import forkserver
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from harness.record import CRASHED, OK, OOM, TIMEOUT
 
 PRELOAD = ["harness.warm"]
 OOM_EXIT, DISK_EXIT = 77, 78
+STARTS = 5  # of the server, before no process can be started
 LOST_EXIT = 255  # what multiprocessing says where nobody saw the child end
 POLL = 0.25  # seconds between two questions whether the child is still wanted
 LOOK = 1.0  # seconds between two looks at the memory that it and its own children hold
@@ -60,9 +62,7 @@ def start_server(threads: int = 1) -> None:
 
 def start_process(target: Callable[..., None], *args: Any) -> None:
     """Start a long-lived helper process that ends by itself when its connection does."""
-    start_server()
-    with _CHILDREN, _light_main():
-        _CONTEXT.Process(target=target, args=args, daemon=True).start()
+    _start(target, args, threads=1, daemon=True)
 
 
 def run_isolated(
@@ -105,10 +105,7 @@ def run_isolated(
     OSError
         If the child could not write its files for want of space.
     """
-    start_server(threads)
-    with _CHILDREN, _light_main():
-        child = _CONTEXT.Process(target=_child, args=(target, args, memory_gb, threads, log))
-        child.start()
+    child = _start(_child, (target, args, memory_gb, threads, log), threads)
     look = time.monotonic() + LOOK
     end = time.monotonic() + seconds
     try:
@@ -139,6 +136,22 @@ def run_isolated(
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return Ended(CRASHED, f"the process was killed by {name}")
     return Ended(CRASHED, f"the process ended with exit code {code}")
+
+
+def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int, daemon: bool = False) -> ForkServerProcess:
+    """Have the server fork a process; a server that is killed in this moment is started again."""
+    for left in reversed(range(STARTS)):
+        start_server(threads)
+        child = _CONTEXT.Process(target=target, args=args, daemon=daemon)
+        try:
+            with _CHILDREN, _light_main():
+                child.start()
+            break
+        except (EOFError, ConnectionError) as error:
+            if not left:
+                raise OSError(errno.ECHILD, f"the server that starts trials was lost {STARTS} times") from error
+            time.sleep(0.2)
+    return child
 
 
 def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:

@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +116,22 @@ def test_output_goes_to_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str
 def test_blas_threads_are_capped(tmp_path: Path) -> None:
     assert isolated("threads", tmp_path / "file").status == OK
     assert (tmp_path / "file").read_text() == "{1}"
+
+
+def test_killed_server_is_started_again(tmp_path: Path) -> None:
+    """Whether it is killed before a process is asked for, while that starts, or after."""
+
+    def kill() -> None:
+        if pid := forkserver._forkserver._forkserver_pid:
+            os.kill(pid, signal.SIGKILL)
+
+    for seconds in (0, 0.005, 0.02, 0.05):
+        assert isolated("write", tmp_path / "file").status == OK
+        killer = threading.Timer(seconds, kill)
+        killer.start()
+        ended = isolated("write", tmp_path / "file")
+        assert ended.status == OK or "lost with the server" in ended.detail
+        killer.join()
 
 
 def test_many_at_once_each_end_as_they_ended(tmp_path: Path) -> None:
