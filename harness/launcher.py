@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -13,6 +12,7 @@ from typing import Any
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
+from harness.environment import cores
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
@@ -50,7 +50,7 @@ class Launcher:
             raise UsageError("say how many Slurm jobs are to share the trials: workers=20")
         n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
         self._config: DictConfig = hydra.launcher
-        self._most: int = settings.workers or n_jobs or _cores() // settings.threads or 1
+        self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
     def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
         """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
@@ -100,12 +100,6 @@ def _to_itself(sign: signal.Signals) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _quoted(path: Path) -> str:
