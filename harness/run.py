@@ -164,7 +164,8 @@ def _report(follower: Follower) -> int:
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:
-        print(f"{follower.trouble}; the trials are safe, 'harness sync' brings them in", file=sys.stderr)
+        remedy = "" if "'harness sync'" in follower.trouble else ", 'harness sync' brings them in"
+        print(f"{follower.trouble}; the trials are safe{remedy}", file=sys.stderr)
     return 2 if bad or missing or follower.trouble else 0
 
 
