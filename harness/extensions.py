@@ -7,11 +7,13 @@ joins the configuration, behind the harness's own; nothing of the package is imp
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import resources
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -19,6 +21,8 @@ from omegaconf import OmegaConf
 
 from datasets import registry as datasets
 from datasets.body import DatasetError
+from harness.environment import digest_of
+from harness.record import Trial
 from methods import registry as methods
 from methods.base import MethodError
 
@@ -36,11 +40,44 @@ def installed() -> list[EntryPoint]:
     return [entry for group in (methods.ENTRY_POINTS, datasets.ENTRY_POINTS) for entry in entry_points(group=group)]
 
 
+def packages_of(trial: Trial) -> str:
+    """The installed packages that a trial's method and scene are from, "" for none: name, version, digest of source.
+
+    ``nrsfm-example 0.1.0 3f2a91c0d4e5b678``: sources differ where somebody forgot to raise the version, too.
+    """
+    try:
+        found = [methods.provider(name) for name in algorithms(trial.method)]
+        found.append(datasets.provider(trial.dataset.get("source")))
+    except (MethodError, DatasetError):  # a broken module of ours: the trial says so itself
+        return ""
+    return ", ".join(sorted({_described(_package(entry), _top(entry)) for entry in found if entry}))
+
+
+def algorithms(method: Mapping[str, Any]) -> Iterator[str]:
+    """The names of a method's algorithm and of those of its parts."""
+    for key, value in method.items():
+        if isinstance(value, Mapping):
+            yield from algorithms(value)
+        elif key == "algorithm":
+            yield str(value)
+
+
+@cache
+def _described(package: str, top: str) -> str:
+    try:
+        release = version(package)
+    except PackageNotFoundError:
+        release = "?"
+    spec = find_spec(top) if top.isidentifier() else None
+    source = digest_of(Path(spec.origin)) if spec and spec.origin and Path(spec.origin).is_file() else "?"
+    return f"{package} {release} {source}"
+
+
 def folders() -> dict[str, Path]:
     """The folder of configurations of each package that has one, by the package's name; sorted by name."""
     found: dict[str, Path] = {}
     for entry in sorted(installed(), key=_package):
-        top = entry.value.partition(":")[0].strip().partition(".")[0]
+        top = _top(entry)
         spec = find_spec(top) if top.isidentifier() else None  # a top-level package is found, not imported
         for place in (spec.submodule_search_locations or ()) if spec else ():
             if (Path(place) / "conf").is_dir():
@@ -89,6 +126,11 @@ def faults() -> Iterator[str]:
             first = choices(file.parent.name)[file.stem][1] or "the harness"
             if first != package:
                 yield f"package {package}: {name} is not used, {first} has one of that name; rename it"
+
+
+def _top(entry: EntryPoint) -> str:
+    """The top-level package or module that an entry point is of."""
+    return entry.value.partition(":")[0].strip().partition(".")[0]
 
 
 def _package(entry: EntryPoint) -> str:

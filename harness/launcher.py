@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from hydra import compose
 
+from harness.environment import cores
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
@@ -46,7 +46,7 @@ class Launcher:
         if self._name == SLURM and settings.workers is None:
             raise UsageError("say how many Slurm jobs are to share the trials: workers=20")
         n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
-        self._most: int = settings.workers or n_jobs or _cores() // settings.threads or 1
+        self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
     def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
         """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
@@ -82,12 +82,6 @@ def _to_itself(sign: signal.Signals) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _quoted(path: Path) -> str:

@@ -69,8 +69,12 @@ def main(argv: Sequence[str]) -> int:
 
     def missing() -> dict[str, Job]:
         found = {key: read_record(settings.trials / key) for key in jobs}
-        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, begun)}
-        return {key: job for key, job in jobs.items() if key in again}
+
+        def again(key: str, job: Job) -> bool:
+            outcome = found[key]
+            return outcome is None or repeats(outcome, job.trial, job.settings.rerun, begun)
+
+        return {key: job for key, job in jobs.items() if again(key, job)}
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
     titles = {key: job.trial.title for key, job in jobs.items()}

@@ -43,7 +43,7 @@ def work(
 
     Meanwhile ``running`` is told how far it is. What does not fit into ``memory_gb`` is not begun.
     """
-    start = time.perf_counter()
+    start, cpu = time.perf_counter(), time.process_time()
     try:
         outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, running))
         write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
@@ -58,7 +58,12 @@ def work(
             (folder / TRACEBACK).write_text(traceback.format_exc())
         status = ABSENT if isinstance(error, MissingData) else FAILED
         outcome = replace(blank, status=status, error=text[:2000])
-    outcome = replace(outcome, seconds=round(time.perf_counter() - start, 4), peak_mb=round(peak_mb(), 1))
+    outcome = replace(
+        outcome,
+        seconds=round(time.perf_counter() - start, 4),
+        cpu_seconds=round(time.process_time() - cpu, 4),
+        peak_mb=round(peak_mb(), 1),
+    )
     write_record(folder, outcome)
 
 
