@@ -2,72 +2,213 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from statistics import median
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from datasets.body import DatasetError
 from datasets.registry import load_scene
 from harness.arguments import Parser
+from harness.environment import cores
 from harness.experiments import Settings, expand
+from harness.forecast import (
+    OVERHEAD,
+    Forecast,
+    History,
+    free_mb,
+    memory_mb,
+    side_by_side,
+    size_words,
+    time_words,
+)
+from harness.launcher import Launcher
 from harness.memory import Size, foreseen_gb, refusal
 from harness.record import OK, Outcome, Trial, digest
 from harness.storage import read_record
-from harness.trial import identify
-from methods.base import Method, MethodError
+from harness.trial import identify, repeats
+from methods.base import MethodError
 from methods.registry import build_method
+
+ROWS = 40  # more are told by method and state
+UNKNOWN = "no past trial of this method"
+WIDTH = 120  # where the output is no terminal
+
+EPILOG = """\
+harness plan +experiment=table1
+harness plan method=ours,edsc noise.level=0,0.02 workers=4
+harness plan +experiment=noise rerun=failed       # what 'harness run' would repeat
+harness plan +experiment=noise --all              # every trial, not methods and states
+harness plan +experiment=noise --json > plan.json
+
+Exit code 2 if a trial failed and would not run again, cannot run, or the disk is too small."""
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A trial of an experiment: its key, why it cannot run ("" when it can), and its record when it is done.
+    """A trial of an experiment and what is known of it.
 
-    ``foreseen_gb`` is the memory that it is going to take, where the method can say.
+    Parameters
+    ----------
+    trial : Trial
+    key : str
+    outcome : Outcome or None
+        Its record.
+    runs : bool
+        Whether a run would carry it out.
+    reason : str
+        Why it cannot, "" when it can or need not.
+    forecast : Forecast or None
+        What it is going to take; None where that is not known.
+    foreseen_mb : float or None
+        The memory that its method says it is going to take.
     """
 
     trial: Trial
     key: str
-    reason: str
     outcome: Outcome | None
-    foreseen_gb: float | None = None
+    runs: bool
+    reason: str = ""
+    forecast: Forecast | None = None
+    foreseen_mb: float | None = None
 
     @property
     def state(self) -> str:
+        if self.reason:
+            return "cannot run"
         if self.outcome is None:
-            return "cannot run" if self.reason else "missing"
-        return "done" if self.outcome.status == OK else self.outcome.status
+            return "missing"
+        state = "done" if self.outcome.status == OK else self.outcome.status
+        return f"{state}, again" if self.runs else state
+
+    @property
+    def memory_mb(self) -> float | None:
+        """What its method foresees, else what past trials took."""
+        return self.foreseen_mb or (self.forecast.peak_mb if self.forecast else None)
+
+    @property
+    def words(self) -> str:
+        """Where its numbers are from, or what is in the way."""
+        if self.reason or (self.outcome is not None and not self.runs):
+            return self.reason or (self.outcome.error if self.outcome else "")
+        return f"from {self.forecast.basis}" if self.forecast else UNKNOWN
 
 
-def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
+@dataclass(frozen=True)
+class Plan:
+    """The trials of a run, and the workers that would carry them out."""
+
+    trials: Sequence[Planned]
+    settings: Settings
+    workers: int
+    here: bool
+    """Whether the workers are processes of this machine."""
+    free_mb: float
+
+    @cached_property
+    def to_run(self) -> list[Planned]:
+        return [item for item in self.trials if item.runs]
+
+    @cached_property
+    def known(self) -> list[Forecast]:
+        """What is expected of those that can run, as far as it is known."""
+        return [item.forecast for item in self.to_run if item.forecast and not item.reason]
+
+    @property
+    def unknown(self) -> int:
+        return sum(not (item.forecast or item.reason) for item in self.to_run)
+
+    @property
+    def counts(self) -> Counter[str]:
+        return Counter(item.state for item in self.trials)
+
+    @property
+    def cpu_seconds(self) -> float:
+        return sum(f.cpu_seconds for f in self.known)
+
+    @property
+    def wall_seconds(self) -> float:
+        """By the workers side by side, but never less than this machine's cores need."""
+        wall = side_by_side((f.seconds + OVERHEAD for f in self.known), self.workers)
+        return max(wall, self.cpu_seconds / cores()) if self.here else wall
+
+    @property
+    def disk_mb(self) -> float:
+        return sum(f.disk_mb for f in self.known)
+
+    @property
+    def memory_mb(self) -> float:
+        """Of the largest trial."""
+        return max((item.memory_mb or 0.0 for item in self.to_run if not item.reason), default=0.0)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the disk is large enough."""
+        return self.disk_mb < self.free_mb
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """What may come in the way of the run, a line each with the remedy."""
+        settings = self.settings
+        if not self.fits:
+            yield (
+                f"{settings.output}: {size_words(self.free_mb)} are free and about {size_words(self.disk_mb)} are "
+                "needed; make room, or set HARNESS_OUTPUT to a larger disk"
+            )
+        largest = sorted((item.memory_mb or 0.0 for item in self.to_run if not item.reason), reverse=True)
+        together, there = sum(largest[: self.workers]), memory_mb()
+        if self.here and there is not None and together > there:
+            yield (
+                f"{self.workers} trials side by side may take {size_words(together)} and this machine has "
+                f"{size_words(there)}; lower workers"
+            )
+        if long := sum(f.seconds > settings.seconds for f in self.known):
+            yield f"{long} trials are expected to take longer than limits.seconds = {settings.seconds:g}; raise it"
+        if self.wall_seconds > settings.sweep_seconds:
+            yield (
+                f"limits.sweep_seconds = {settings.sweep_seconds:g} ends the run before; the same command goes on later"
+            )
+        left = sum(i.outcome is not None and i.outcome.status != OK and not i.runs for i in self.trials)
+        if left:
+            yield f"{left} that failed are not repeated; rerun=failed runs them again"
+
+
+def plan(overrides: Sequence[str]) -> Plan:
     """Every trial of the overrides with what is known of it.
 
     Raises
     ------
     UsageError
-        If the overrides cannot be composed.
+        If the overrides cannot be composed, or their launcher cannot be used.
     """
     trials = expand(overrides)
-    planned: list[Planned] = []
+    settings = trials[0][1]
+    launcher = Launcher(overrides, settings)
+    history = History(settings, {str(trial.method["name"]) for trial, _ in trials})
     sizes: dict[str, Size | str] = {}
-    for trial, settings in trials:
-        key, reason = identify(trial, settings)
-        outcome, need, why = read_record(settings.trials / key), None, str(reason or "")
-        if outcome is None and not why:
-            need, why = _memory(trial, settings, sizes)
-        planned.append(Planned(trial, key, why, outcome, need))
-    return planned, trials[0][1]
+    planned: dict[str, Planned] = {}
+    for trial, own in trials:
+        key, reason = identify(trial, own)
+        if key not in planned:
+            outcome = read_record(own.trials / key)
+            runs = outcome is None or repeats(outcome, trial, own.rerun)
+            planned[key] = Planned(trial, key, outcome, runs, str(reason or "") if runs else "")
+            if runs and not reason:
+                planned[key] = _foreseen(planned[key], own, sizes, history)
+    to_run = sum(item.runs for item in planned.values())
+    workers = launcher.workers(max(to_run, 1))
+    return Plan(list(planned.values()), settings, workers, launcher.local, free_mb(settings.output))
 
 
-def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> tuple[float | None, str]:
-    """The memory in GB that a trial is going to take, and why it does not fit; each scene is made once for that."""
-    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    if type(method).memory is Method.memory:
-        return None, ""
-    scene = digest(trial.dataset)
+def _foreseen(item: Planned, settings: Settings, sizes: dict[str, Size | str], history: History) -> Planned:
+    """With what the trial is going to take, or why it cannot run; each scene is made once for that."""
+    trial, scene = item.trial, digest(item.trial.dataset)
     if scene not in sizes:
         try:
             sizes[scene] = Size.of(load_scene(trial.dataset, settings.data, settings.missing == "stand_in"))
@@ -75,51 +216,134 @@ def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> t
             sizes[scene] = str(error)
     size = sizes[scene]
     if isinstance(size, str):
-        return None, size
+        return replace(item, reason=size)
+    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     try:
-        return foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
+        need, why = foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
     except MethodError as error:
-        return None, str(error)
+        return replace(item, reason=str(error))
+    forecast = history.forecast(trial, (size.n_frames, size.n_points))
+    return replace(item, reason=why, forecast=forecast, foreseen_mb=None if need is None else 1024 * need)
 
 
 def main(argv: Sequence[str]) -> int:
     """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
-    parser = Parser(
-        "harness plan",
-        description="What 'harness run' with the same overrides would do.",
-        epilog="harness plan +experiment=table1\nharness plan method=ours,edsc noise.level=0,0.02",
-    )
-    parser.add_argument("overrides", nargs="*")
-    planned, settings = plan(parser.read(argv).overrides)
-    past = [o for o in map(read_record, sorted(settings.trials.glob("*/"))) if o is not None and o.status == OK]
+    parser = Parser("harness plan", description="What 'harness run' with the same overrides would do.", epilog=EPILOG)
+    parser.add_argument("overrides", nargs="*", help="as of 'harness run'")
+    parser.add_argument("-m", "--multirun", action="store_true", help="as of 'harness run'; changes nothing here")
+    parser.add_argument("--all", action="store_true", help=f"a row for every trial, were there more than {ROWS}")
+    parser.add_argument("--json", action="store_true", help="for machines: every trial and the sums")
+    given = parser.read(argv)
+    found = plan(given.overrides)
+    if given.json:
+        print(json.dumps(_plain(found), indent=1))
+    else:
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=WIDTH, color_system=None)
+        console.print(_table(found) if given.all or len(found.trials) <= ROWS else _summary(found))
+        for line in _lines(found):
+            print(line)
+    clear = all(item.runs or item.state == "done" for item in found.trials)
+    return 0 if clear and found.fits and not any(item.reason for item in found.trials) else 2
+
+
+def _table(found: Plan) -> Table:
+    """A row for each trial."""
+    table = _grid("trial", "state", "time", "memory", "disk")
+    for item in found.trials:
+        table.add_row(Text(item.trial.title), Text(item.state), *_numbers([item]), Text(item.words))
+    return table
+
+
+def _summary(found: Plan) -> Table:
+    """A row for each method and state: sums of time and disk, and the memory of the largest trial."""
+    groups: dict[tuple[str, str], list[Planned]] = {}
+    for item in found.trials:
+        groups.setdefault((item.state, str(item.trial.method["name"])), []).append(item)
+    table = _grid("method", "state", "trials", "time, sum", "memory", "disk, sum")
+    for (state, method), items in groups.items():
+        words = list(dict.fromkeys(item.words for item in items if item.words))
+        said = f"{words[0]}; {len(words) - 1} more with --all" if len(words) > 1 else "".join(words)
+        table.add_row(Text(method), Text(state), str(len(items)), *_numbers(items), Text(said))
+    return table
+
+
+def _grid(*headings: str) -> Table:
     table = Table(box=None, pad_edge=False)
-    for heading in ("trial", "state", "expected"):
-        table.add_column(heading, overflow="fold")
-    seconds, unknown, memory = 0.0, 0, 0.0
-    for item in planned:
-        expected = ""
-        if item.state == "missing":
-            like = [o for o in past if o.method == str(item.trial.method["name"])]
-            same = [o for o in like if o.dataset == str(item.trial.dataset["name"])] or like
-            if same:
-                cost, size = median(o.seconds or 0 for o in same), max(o.peak_mb or 0 for o in same)
-                size = size if item.foreseen_gb is None else 1024 * item.foreseen_gb
-                seconds, memory, expected = seconds + cost, max(memory, size), f"{cost:.1f} s, {size:.0f} MB"
-            else:
-                unknown, expected = unknown + 1, "no past trial of this method"
-                if item.foreseen_gb is not None:
-                    memory = max(memory, 1024 * item.foreseen_gb)
-                    expected += f", {1024 * item.foreseen_gb:.0f} MB"
-        elif item.outcome is not None:
-            expected = escape(item.outcome.error)
-        else:
-            expected = escape(item.reason)
-        table.add_row(escape(item.trial.title), item.state, expected)
-    console = Console(soft_wrap=False)
-    console.print(table)
-    count = {state: sum(i.state == state for i in planned) for state in dict.fromkeys(i.state for i in planned)}
-    print(f"{len(planned)} trials: {', '.join(f'{n} {state}' for state, n in count.items())}.")
-    if seconds or unknown:
-        rest = f", and {unknown} of unknown length" if unknown else ""
-        print(f"Expected: {seconds:.0f} s of one core{rest}; at most {memory:.0f} MB a trial.")
-    return 0 if set(count) <= {"done", "missing"} else 2
+    for i, heading in enumerate((*headings, "")):
+        number = 2 <= i < len(headings)
+        table.add_column(heading, overflow="fold", justify="right" if number else "left", no_wrap=number)
+    return table
+
+
+def _numbers(items: Sequence[Planned]) -> tuple[str, str, str]:
+    """Time, memory and disk of trials; empty where nothing runs or nothing is known."""
+    known = [item.forecast for item in items if item.forecast and not item.reason]
+    memory = max((item.memory_mb or 0.0 for item in items if not item.reason), default=0.0)
+    return (
+        time_words(sum(f.seconds for f in known)) if known else "",
+        size_words(memory) if memory else "",
+        size_words(sum(f.disk_mb for f in known)) if known else "",
+    )
+
+
+def _lines(found: Plan) -> Iterator[str]:
+    """The sums below the table, and what may come in the way."""
+    yield f"{_trials(len(found.trials))}: {', '.join(f'{n} {state}' for state, n in found.counts.items())}."
+    if not found.to_run:
+        yield "Nothing to run."
+    else:
+        on = f"{found.workers} worker{'' if found.workers == 1 else 's'}"
+        on += f" of {cores()} cores" if found.here else ""
+        said = [f"{time_words(found.wall_seconds)} on {on}, {time_words(found.cpu_seconds)} of CPU time"]
+        said = said if found.known else []
+        if found.unknown:
+            said.append(f"{_trials(found.unknown)} of unknown length")
+        if found.memory_mb:
+            said.append(f"at most {size_words(found.memory_mb)} of memory a trial")
+        if found.known:
+            said.append(f"{size_words(found.disk_mb)} of disk, {size_words(found.free_mb)} are free")
+        yield f"To run: {len(found.to_run)}. Expected: {'; '.join(said) or 'nothing that can run'}."
+    yield from (f"! {warning}" for warning in found.warnings)
+
+
+def _trials(n: int) -> str:
+    return f"{n} trial{'' if n == 1 else 's'}"
+
+
+def _plain(found: Plan) -> dict[str, Any]:
+    """The plan as JSON has it; what is not known is left out."""
+    return {
+        "counts": dict(found.counts),
+        "to_run": len(found.to_run),
+        "unknown": found.unknown,
+        "workers": found.workers,
+        "cores": cores(),
+        "wall_seconds": round(found.wall_seconds, 2),
+        "cpu_seconds": round(found.cpu_seconds, 2),
+        "memory_mb": round(found.memory_mb, 1),
+        "disk_mb": round(found.disk_mb, 2),
+        "free_mb": round(found.free_mb),
+        "warnings": list(found.warnings),
+        "trials": [_row(item) for item in found.trials],
+    }
+
+
+def _row(item: Planned) -> dict[str, Any]:
+    forecast = item.forecast
+    row = {
+        "key": item.key,
+        "title": item.trial.title,
+        "dataset": item.trial.dataset["name"],
+        "method": item.trial.method["name"],
+        "state": item.state,
+        "runs": item.runs,
+        "reason": item.reason or (item.outcome.error if item.outcome else ""),
+        "seconds": forecast and round(forecast.seconds, 3),
+        "cpu_seconds": forecast and round(forecast.cpu_seconds, 3),
+        "memory_mb": item.memory_mb and round(item.memory_mb, 1),
+        "disk_mb": forecast and round(forecast.disk_mb, 3),
+        "basis": forecast and forecast.basis,
+    }
+    return {name: value for name, value in row.items() if value not in (None, "")}
