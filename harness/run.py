@@ -77,8 +77,8 @@ def main(argv: Sequence[str]) -> int:
         return {key: job for key, job in jobs.items() if again(key, job)}
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    titles = {key: job.trial.title for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
+    asked_for = {key: job.trial for key, job in jobs.items()}
+    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys()) as follower:
         trouble = _carry_out(missing, settings, launcher, begun)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
@@ -152,7 +152,7 @@ def _report(follower: Follower) -> int:
     entries = follower.entries.values()
     ran = [entry for entry in entries if entry.ran]
     before = len(entries) - len(ran)
-    missing = len(follower.titles) - len(entries)
+    missing = len(follower.trials) - len(entries)
     bad = {status: n for status, n in follower.counts.items() if status != OK}
     parts = [f"{len(ran)} run" if ran else "nothing to run"]
     if before:
@@ -160,7 +160,7 @@ def _report(follower: Follower) -> int:
     parts += [f"{n} {status}" for status, n in sorted(bad.items())]
     if missing:
         parts.append(f"{missing} not reached")
-    total = len(follower.titles)
+    total = len(follower.trials)
     print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")

@@ -20,7 +20,7 @@ from harness.experiments import Settings
 from harness.extensions import packages_of
 from harness.isolation import Stopped, run_isolated
 from harness.record import ABSENT, FAILED, OK, Outcome, Trial
-from harness.running import place
+from harness.running import forget, place
 from methods.base import MethodError
 from methods.registry import build_method, version
 
@@ -120,8 +120,7 @@ def execute(
                     stopped=stopped,
                 )
             finally:
-                if running is not None:
-                    running.unlink(missing_ok=True)
+                forget(running)
             if ended.status != OK:
                 storage.check_space(folder)
                 seconds = round(time.monotonic() - start, 4)

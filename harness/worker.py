@@ -22,7 +22,7 @@ from harness.memory import Size, refusal
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
-from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction
+from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction, stage
 from methods.gaps import complete
 from methods.registry import build_method
 from methods.rotation import estimate_cameras
@@ -82,6 +82,7 @@ def compute(
     DatasetError, MethodError, UsageError
         If the scene or the method cannot be had as asked, or the method would need more memory than it may take.
     """
+    stage(progress, "scene")
     scene = load_scene(trial.dataset, data, stand_in)
     n_bodies = _n_bodies(trial, scene)
     repeat = trial.noise["repeat"]
@@ -92,9 +93,13 @@ def compute(
     if why := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(why)
     known = trial.cameras["source"] == "known"
+    if method.uses_cameras and not known:
+        stage(progress, "cameras")
     cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
+    stage(progress, "method")
     gaps = _gaps(method, noisy)
     found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, progress=progress, **gaps)
+    stage(progress, "metrics")
     auto = n_bodies is None
     if auto and found.labels is not None:
         n_bodies = len(np.unique(found.labels))

@@ -83,6 +83,29 @@ def test_key_follows_the_version_of_the_method(
     assert identify(trial, settings)[0] != key
 
 
+def test_a_trial_tells_what_it_is_at(settings: Settings) -> None:
+    """Whatever its method tells itself: while the scene is made, its cameras are estimated, its errors measured."""
+
+    class Listener:
+        def __init__(self) -> None:
+            self.stages: list[str] = []
+
+        def stage(self, name: str) -> None:
+            self.stages.append(name)
+
+        def __call__(self, *iteration: object) -> None:
+            pass
+
+    for cameras in ("known", "estimated"):
+        words = ["dataset.points=8", "dataset.frames=12", "method=bmm_ssc3d", f"cameras={cameras}"]
+        ((trial, _),) = expand(words)
+        listener = Listener()
+        blank = Outcome("k", "s", "failed", "d", "m", cameras, "", "", 0.0, 0)
+        worker.compute(trial, blank, settings.data, False, progress=listener)
+        own = ["method", "structure", "clustering", "metrics"]
+        assert listener.stages == ["scene", *(["cameras"] if cameras == "estimated" else []), *own]
+
+
 def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> None:
     outcome, _ = execute(trial, settings)
     path = settings.trials / outcome.key / storage.RESULT
