@@ -55,8 +55,14 @@ def environment() -> Mapping[str, str]:
         "processor": _processor(),
         "cores": str(cores()),
         "code": source_digest(),
-        **commit(Path(__file__).parents[1]),
+        **commit(checkout()),
     }
+
+
+def checkout() -> Path | None:
+    """The folder of the sources where the harness runs from a checkout; None where it is an installed package."""
+    root = Path(__file__).parents[1]
+    return root if (root / "pyproject.toml").is_file() else None
 
 
 def cores() -> int:
@@ -94,13 +100,13 @@ def digest_of(*places: Path) -> str:
     return total.hexdigest()[:16]
 
 
-def commit(root: Path) -> dict[str, str]:
-    """The commit that a checkout stands at, and whether what computes is as it is there; {} for what is no checkout.
+def commit(root: Path | None) -> dict[str, str]:
+    """The commit that a checkout stands at, and whether what computes is as it is there; {} for what is no repository.
 
     Asks of ``root`` itself: neither the folder that somebody works in nor a repository around an installed package is
     meant.
     """
-    if not (root / ".git").exists():
+    if root is None or not (root / ".git").exists():
         return {}
     places = [name for name in SOURCES if (root / name).is_dir()]
     head = _git(root, "rev-parse", "--verify", "HEAD")

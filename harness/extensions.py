@@ -7,32 +7,15 @@ joins the configuration, behind the harness's own; nothing of the package is imp
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import cache
+from collections.abc import Iterator
 from importlib import resources
-from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-from hydra.core.config_search_path import ConfigSearchPath
-from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import OmegaConf
-
-from datasets import registry as datasets
-from datasets.body import DatasetError
-from harness.environment import digest_of
-from harness.record import Trial
-from methods import registry as methods
-from methods.base import MethodError
-
-
-class Configurations(SearchPathPlugin):
-    """Puts the configurations of installed packages into Hydra's search path, behind the harness's own."""
-
-    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        for package, folder in folders().items():
-            search_path.append(package, f"file://{folder}")
+import datasets
+import methods
+from datasets.errors import DatasetError
 
 
 def installed() -> list[EntryPoint]:
@@ -40,48 +23,15 @@ def installed() -> list[EntryPoint]:
     return [entry for group in (methods.ENTRY_POINTS, datasets.ENTRY_POINTS) for entry in entry_points(group=group)]
 
 
-def packages_of(trial: Trial) -> str:
-    """The installed packages that a trial's method and scene are from, "" for none: name, version, digest of source.
-
-    ``nrsfm-example 0.1.0 3f2a91c0d4e5b678``: sources differ where somebody forgot to raise the version, too.
-    """
-    try:
-        found = [methods.provider(name) for name in algorithms(trial.method)]
-        found.append(datasets.provider(trial.dataset.get("source")))
-    except (MethodError, DatasetError):  # a broken module of ours: the trial says so itself
-        return ""
-    return ", ".join(sorted({_described(_package(entry), _top(entry)) for entry in found if entry}))
-
-
-def algorithms(method: Mapping[str, Any]) -> Iterator[str]:
-    """The names of a method's algorithm and of those of its parts."""
-    for key, value in method.items():
-        if isinstance(value, Mapping):
-            yield from algorithms(value)
-        elif key == "algorithm":
-            yield str(value)
-
-
-@cache
-def _described(package: str, top: str) -> str:
-    try:
-        release = version(package)
-    except PackageNotFoundError:
-        release = "?"
-    spec = find_spec(top) if top.isidentifier() else None
-    source = digest_of(Path(spec.origin)) if spec and spec.origin and Path(spec.origin).is_file() else "?"
-    return f"{package} {release} {source}"
-
-
 def folders() -> dict[str, Path]:
     """The folder of configurations of each package that has one, by the package's name; sorted by name."""
     found: dict[str, Path] = {}
-    for entry in sorted(installed(), key=_package):
-        top = _top(entry)
+    for entry in sorted(installed(), key=package_of):
+        top = top_of(entry)
         spec = find_spec(top) if top.isidentifier() else None  # a top-level package is found, not imported
         for place in (spec.submodule_search_locations or ()) if spec else ():
             if (Path(place) / "conf").is_dir():
-                found.setdefault(_package(entry), Path(place) / "conf")
+                found.setdefault(package_of(entry), Path(place) / "conf")
     return found
 
 
@@ -104,16 +54,24 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
 
 def faults() -> Iterator[str]:
     """What is wrong with installed packages, a line each: nothing that keeps the rest from working."""
+    if not (entries := installed()):
+        return
+    from omegaconf import OmegaConf  # this and the registries take seconds, which only packages are worth
+
+    from datasets.registry import SOURCES, source
+    from methods.base import MethodError
+    from methods.registry import ALGORITHMS, algorithm
+
     seen: dict[tuple[str, str], str] = {}
-    for entry in installed():
-        package = _package(entry)
-        own = methods.ALGORITHMS if entry.group == methods.ENTRY_POINTS else datasets.SOURCES
+    for entry in entries:
+        package = package_of(entry)
+        own = ALGORITHMS if entry.group == methods.ENTRY_POINTS else SOURCES
         first = "the harness" if entry.name in own else seen.setdefault((entry.group, entry.name), package)
         if first != package:
             yield f"package {package}: {entry.name} is not used, {first} has one of that name; rename it"
             continue
         try:
-            _ = methods.algorithm(entry.name) if own is methods.ALGORITHMS else datasets.source(entry.name)
+            _ = algorithm(entry.name) if own is ALGORITHMS else source(entry.name)
         except (MethodError, DatasetError) as error:
             yield " ".join(str(error).split())
     for package, folder in folders().items():
@@ -128,10 +86,11 @@ def faults() -> Iterator[str]:
                 yield f"package {package}: {name} is not used, {first} has one of that name; rename it"
 
 
-def _top(entry: EntryPoint) -> str:
+def top_of(entry: EntryPoint) -> str:
     """The top-level package or module that an entry point is of."""
     return entry.value.partition(":")[0].strip().partition(".")[0]
 
 
-def _package(entry: EntryPoint) -> str:
+def package_of(entry: EntryPoint) -> str:
+    """The distribution that declares an entry point."""
     return entry.dist.name if entry.dist else "?"

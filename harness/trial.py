@@ -17,8 +17,8 @@ from datasets.body import DatasetError, MissingData
 from harness import storage
 from harness.environment import COMPUTES, environment
 from harness.experiments import Settings
-from harness.extensions import packages_of
 from harness.isolation import Stopped, run_isolated
+from harness.packages import packages_of
 from harness.record import ABSENT, FAILED, OK, Outcome, Trial
 from harness.running import forget, place
 from methods.base import MethodError

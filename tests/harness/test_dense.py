@@ -13,7 +13,7 @@ from harness import storage
 from harness.answers import answers
 from harness.experiments import Settings, expand
 from harness.metrics import affinity_between
-from harness.plan import plan
+from harness.planning import plan
 from harness.running import Reporter, forget, place, steps
 from harness.tracking import Tracker
 from harness.trial import execute

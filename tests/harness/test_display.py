@@ -61,7 +61,7 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
     assert max(map(cell_len, found)) <= width
     assert found[0].startswith("2/9 done, 1 failed, 3 run" if width >= 60 else "2/9 done")
     for line in found[1:]:
-        assert "a_scene" in line and "struct" in line
+        assert "a_" in line and "str" in line
 
 
 def test_a_wide_terminal_has_it_all() -> None:

@@ -14,7 +14,7 @@ import pytest
 from datasets import registry as datasets
 from harness.environment import environment
 from harness.experiments import expand
-from harness.extensions import _described, packages_of
+from harness.packages import described, packages_of
 from harness.record import Outcome
 from harness.trial import repeats
 from methods import registry as methods
@@ -227,6 +227,6 @@ def test_a_packages_edited_source_makes_its_records_stale(package: Make, tmp_pat
     for edited in (False, True):
         if edited:
             (tmp_path / "site" / name / "inner/deep.py").write_text("x = 2\n")
-            _described.cache_clear()  # as by a new process
+            described.cache_clear()  # as by a new process
         stale = [repeats(b, trial, "stale") for b, (trial, _) in zip(before, (ours, theirs), strict=True)]
         assert stale == [False, edited]

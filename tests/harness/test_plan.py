@@ -73,7 +73,7 @@ def test_a_disk_that_is_too_small_is_told(
     ran(*TINY)
     words = (*TINY, "noise.level=0.01", "noise.repeat=range(3)")
     assert harness("plan", *words).returncode == 0
-    monkeypatch.setattr("harness.plan.free_mb", lambda place: 0.01)
+    monkeypatch.setattr("harness.planning.free_mb", lambda place: 0.01)
     planned = harness("plan", *words)
     assert planned.returncode == 2
     assert f"! {tmp_path}/out: 0.01 MB are free and about" in planned.stdout
@@ -81,7 +81,7 @@ def test_a_disk_that_is_too_small_is_told(
 
 
 def test_more_memory_than_the_machine_has_is_told(harness: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.plan.memory_mb", lambda: 500.0)
+    monkeypatch.setattr("harness.planning.memory_mb", lambda: 500.0)
     words = (*TINY, "noise.level=0.01", "noise.repeat=0,1,2")
     assert "3 trials side by side may take 922 MB and this machine has 500 MB; lower workers" in (
         harness("plan", *words, "workers=3").stdout
