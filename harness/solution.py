@@ -305,19 +305,12 @@ def _n_bodies(asked: object, scene: Scene) -> int | None:
 
 def _configured(overrides: Sequence[str]) -> dict[str, Any]:
     """The configuration as plain data."""
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
+    from harness.experiments import compose_config, read_plain
+    from harness.jobs import resolved
 
-    from harness.experiments import compose_config, one_line, read
-
-    cfg = compose_config(overrides)
-    read(cfg)
-    try:
-        plain = OmegaConf.to_container(cfg, resolve=True)
-    except OmegaConfBaseException as error:
-        raise UsageError(one_line(error)) from None
-    assert isinstance(plain, dict)
-    return {str(name): value for name, value in plain.items()}
+    plain = resolved(compose_config(overrides))
+    read_plain(plain)
+    return plain
 
 
 def _merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from omegaconf import OmegaConf
 from datasets.hopkins import SCENES
 from datasets.registry import load_scene
 from harness import reconstruct, storage, worker
-from harness.experiments import Settings, compose_config, compose_jobs, expand, spanned
+from harness.experiments import Settings, compose_config, expand, spanned
+from harness.jobs import compose_jobs, plain_jobs, resolved
 from harness.record import Outcome, Trial, UsageError, digest
 from harness.trial import execute, identify
 from methods.base import MethodError
@@ -170,13 +171,32 @@ def test_hopkins155_asks_for_every_scene() -> None:
         ["dataset.name='a b'", "n_bodies=2,3", "cameras=known,estimated"],
         ["method=ours", "method.l1=${noise.level}", "noise.level=0,0.5"],
         ["noise.level=0.1,0.2", "noise={level: 0.5}"],
+        ["dataset=mocap_body", "dataset.body=drink,yoga", "method=bmm,pta"],
+        ["output=a,b", "noise.level=0,0.1"],
+        ["dataset.points=8,9", "method.l1='0.5',0.25", "limits.seconds=5,null", "dataset.placement=paper,[1,2,3]"],
     ],
 )
 def test_configurations_are_those_of_hydra(words: list[str]) -> None:
     """Composed together or one by one, with every interpolation as it stands."""
     jobs = spanned(words)
     together = [OmegaConf.to_container(cfg) for cfg in compose_jobs(jobs)]
-    assert together == [OmegaConf.to_container(compose_config(job)) for job in jobs]
+    apart = [compose_config(job) for job in jobs]
+    assert together == [OmegaConf.to_container(cfg) for cfg in apart]
+    assert list(plain_jobs(jobs)) == list(map(resolved, apart))
+
+
+def test_a_value_that_is_missing_is_asked_for_by_its_key() -> None:
+    """Jobs that give it are put together, one that does not is refused as by itself."""
+    given = ["method=edsc", "dataset=tracks", "dataset.file=a.npz"]
+    jobs = [[*given, "noise.level=0"], [*given, "noise.level=0.5"], given[:2]]
+    found = plain_jobs(jobs)
+    assert [next(found)["noise"]["level"] for _ in range(2)] == [0, 0.5]
+    with pytest.raises(UsageError) as alone:
+        resolved(compose_config(jobs[2]))
+    with pytest.raises(UsageError) as together:
+        next(found)
+    assert str(together.value) == str(alone.value)
+    assert "dataset.file" in str(alone.value)
 
 
 @pytest.mark.parametrize("job", [["noise.laut=1"], ["dataset.scene=arm"], ["method=none"], ["noise.level"]])
