@@ -52,9 +52,18 @@ class Launcher:
         self._config: DictConfig = hydra.launcher
         self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
+    @property
+    def local(self) -> bool:
+        """Whether the workers are of this machine."""
+        return self._name in (BASIC, "joblib", "submitit_local")
+
+    def workers(self, n_jobs: int) -> int:
+        """How many workers share so many jobs."""
+        return min(n_jobs, self._most)
+
     def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
         """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
-        n_workers = min(len(work.jobs), self._most)
+        n_workers = self.workers(len(work.jobs))
         if self._name == BASIC:
             _threads(work, n_workers)
             return

@@ -71,12 +71,16 @@ def main(argv: Sequence[str]) -> int:
 
     def missing() -> dict[str, Job]:
         found = {key: read_record(settings.trials / key) for key in jobs}
-        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, jobs[key].old)}
-        return {key: job for key, job in jobs.items() if key in again}
+
+        def again(key: str, job: Job) -> bool:
+            outcome = found[key]
+            return outcome is None or repeats(outcome, job.trial, job.settings.rerun, job.old)
+
+        return {key: job for key, job in jobs.items() if again(key, job)}
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    titles = {key: job.trial.title for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
+    asked_for = {key: job.trial for key, job in jobs.items()}
+    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys()) as follower:
         trouble = _carry_out(missing, settings, launcher)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
@@ -151,7 +155,7 @@ def _report(follower: Follower) -> int:
     entries = follower.entries.values()
     ran = [entry for entry in entries if entry.ran]
     before = len(entries) - len(ran)
-    missing = len(follower.titles) - len(entries)
+    missing = len(follower.trials) - len(entries)
     bad = {status: n for status, n in follower.counts.items() if status != OK}
     parts = [f"{len(ran)} run" if ran else "nothing to run"]
     if before:
@@ -159,7 +163,7 @@ def _report(follower: Follower) -> int:
     parts += [f"{n} {status}" for status, n in sorted(bad.items())]
     if missing:
         parts.append(f"{missing} not reached")
-    total = len(follower.titles)
+    total = len(follower.trials)
     print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")

@@ -142,7 +142,7 @@ class Tracker:
                 self._experiment, start_time=start, run_name=f"{outcome.dataset} {outcome.method}", tags=_tags(outcome)
             )
             run_id = str(run.info.run_id)
-            measured = {"seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
+            measured = {name: getattr(outcome, name) for name in ("seconds", "cpu_seconds", "peak_mb")}
             metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
             points = [Metric(name, value, end, 0) for name, value in metrics.items()]
             points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
@@ -259,6 +259,7 @@ def _tags(outcome: Outcome) -> dict[str, str]:
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
         "error": outcome.error[:500],
+        **{f"env.{name}": value[:500] for name, value in outcome.environment.items()},
     }
 
 

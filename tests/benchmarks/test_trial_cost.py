@@ -24,7 +24,7 @@ from harness.experiments import Settings, expand
 from harness.isolation import run_isolated
 from harness.record import Trial
 from harness.tracking import Tracker
-from harness.trial import Entry, _blank, execute, identify, note
+from harness.trial import Entry, execute, identify, note
 from harness.worker import compute
 from tests.harness.conftest import ODD, ROOT, naughty_package  # noqa: F401
 
@@ -60,9 +60,9 @@ def test_where_the_time_of_a_trial_goes(
     trials, (first, settings) = [trial for trial, _ in sweep], sweep[0]
     settings = replace(settings, sweep="cost")
     cost["composition"] = min(_milliseconds(lambda: expand(_words(TRIALS))) for _ in range(3)) / TRIALS
-    execute(first, settings)  # the server starts once
+    outcome, _ = execute(first, settings)  # the server starts once
     store = Tracker(settings.tracking_uri, settings.output)
-    store.log(execute(first, settings)[0], settings.trials / identify(first, settings)[0])
+    store.log(outcome, settings.trials / outcome.key)
 
     def each(what: Callable[[int], object]) -> float:
         return min(_milliseconds(lambda i=i: what(i)) for i in range(1, TRIALS, 4))
@@ -74,7 +74,8 @@ def test_where_the_time_of_a_trial_goes(
         ended = run_isolated("os:getpid", (), seconds=60, memory_gb=8, threads=1, log=tmp_path / "log")
         assert ended.status == "ok"
 
-    made = {i: compute(trials[i], _blank(trials[i], f"{i:016}", "cost"), tmp_path, False) for i in range(1, TRIALS, 4)}
+    blanks = {i: replace(outcome, key=f"{i:016}") for i in range(1, TRIALS, 4)}
+    made = {i: compute(trials[i], blank, tmp_path, False) for i, blank in blanks.items()}
 
     def record(i: int) -> None:
         outcome, arrays = made[i]
@@ -88,13 +89,13 @@ def test_where_the_time_of_a_trial_goes(
 
     def tracker(i: int) -> None:
         folder = settings.trials / f"{i:016}"
-        outcome = storage.read_record(folder)
-        assert outcome is not None
-        store.log(outcome, folder)
+        written = storage.read_record(folder)
+        assert written is not None
+        store.log(written, folder)
 
     cost["identity"] = each(identity)
     cost["process"] = each(process)
-    cost["computation"] = each(lambda i: compute(trials[i], made[i][0], tmp_path, False))
+    cost["computation"] = each(lambda i: compute(trials[i], blanks[i], tmp_path, False))
     cost["record"] = each(record)
     cost["lock and journal"] = each(lock_and_journal)
     cost["tracker"] = each(tracker)
