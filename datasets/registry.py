@@ -9,8 +9,9 @@ A source of one's own is a module with two functions, ``load(settings, folder)``
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -214,11 +215,12 @@ def source(name: object) -> Source:
     if name in SOURCES:
         return SOURCES[str(name)]
     word = str(name)
-    if word.isidentifier() and find_spec(f"datasets.{word}"):
-        found = _loaded(f"datasets/{word}.py", lambda: import_module(f"datasets.{word}"), f"mend datasets/{word}.py")
-        if _is_source(found):
-            return _wrapped(word, found)
-    theirs = {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
+    if own := _of_module(word):
+        return _wrapped(word, own)
+    theirs = others()
+    if name not in theirs:  # it may have come since
+        others.cache_clear()
+        theirs = others()
     if name not in theirs:
         raise DatasetError(f"dataset.source is {name!r}, wanted one of {', '.join([*SOURCES, *sorted(theirs)])}")
     entry = theirs[word]
@@ -228,6 +230,28 @@ def source(name: object) -> Source:
     if not _is_source(found):
         raise DatasetError(f"{where} is {found!r}, wanted a module with the functions load and digest")
     return _wrapped(word, found)
+
+
+def provider(name: object) -> EntryPoint | None:
+    """The entry point of the installed package that brings a source; None for one of ours, or for none.
+
+    Raises DatasetError if a module of ours has the name and cannot be imported.
+    """
+    return None if name in SOURCES or _of_module(str(name)) else others().get(str(name))
+
+
+@cache
+def others() -> Mapping[str, EntryPoint]:
+    """The sources that installed packages add, by name; not imported yet. Of one name the first counts."""
+    return {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
+
+
+def _of_module(name: str) -> ModuleType | None:
+    """``datasets/NAME.py``, if it is there and a source."""
+    if not (name.isidentifier() and find_spec(f"datasets.{name}")):
+        return None
+    found = _loaded(f"datasets/{name}.py", lambda: import_module(f"datasets.{name}"), f"mend datasets/{name}.py")
+    return found if _is_source(found) else None
 
 
 def _loaded(where: str, load: Callable[[], Any], remedy: str) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from harness.experiments import Settings, expand
+from harness.record import Trial
 from harness.storage import read_record
 from harness.tracking import Tracked, Tracker
 from harness.trial import identify
@@ -62,10 +63,10 @@ def answers(overrides: Sequence[str], store: Store | None = None) -> tuple[list[
     return found, settings, store
 
 
-def recorded(overrides: Sequence[str]) -> list[Answer]:
-    """As :func:`answers`, from the records in the output folder, which asks no tracker."""
+def recorded(trials: Iterable[tuple[Trial, Settings]]) -> list[Answer]:
+    """As :func:`answers` of trials, from the records in the output folder, which asks no tracker."""
     found: list[Answer] = []
-    for trial, settings in expand(overrides):
+    for trial, settings in trials:
         outcome = read_record(settings.trials / identify(trial, settings)[0])
         found.append((trial, None if outcome is None else Tracked(outcome, "", "")))
     return found

@@ -1,4 +1,4 @@
-"""What a number was computed with."""
+"""What a number was computed with. It names no machine, user or folder: records are handed on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import functools
 import hashlib
 import os
 import platform
+import subprocess
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -18,23 +20,42 @@ THREAD_VARIABLES = (
 )
 
 #: What of the environment results are computed by; a record that differs in one of them is stale.
-COMPUTES = ("code", "numpy", "scipy", "scikit-learn", "blas")
+COMPUTES = ("code", "packages", "numpy", "scipy", "scikit-learn", "blas")
+
+#: Where it is computed: times compare where all of these, and what computes, are the same.
+MACHINE = ("processor", "cores", "threads", "machine", "python")
+
+#: Which state of the sources: it changes with every edit, whether or not that changes results or times.
+STATE = ("code", "commit", "tree")
+
+#: What a trial's results come from: a change of one of these in a checkout is a change of its tree.
+SOURCES = ("conf", "datasets", "harness", "methods")
 
 
 @functools.cache
-def environment() -> dict[str, str]:
-    """Versions of Python, the numerical libraries and this project, the BLAS, the machine, the methods' source."""
+def environment() -> Mapping[str, str]:
+    """What all trials of this process share.
+
+    Returns
+    -------
+    mapping of str to str
+        Versions of Python, the libraries and this project; ``blas``; ``machine``, ``processor`` and its ``cores`` that
+        may be used; ``code``, the digest of the sources of datasets and methods; in a checkout its ``commit`` and
+        ``tree``, which is clean or changed.
+    """
     from threadpoolctl import threadpool_info
 
-    versions = {name: metadata.version(name) for name in ("numpy", "scipy", "scikit-learn", "nrsfm-harness")}
+    names = ("numpy", "scipy", "scikit-learn", "mlflow", "hydra-core", "nrsfm-harness")
     blas = sorted({f"{p['internal_api']} {p['version']}" for p in threadpool_info() if p["user_api"] == "blas"})
     return {
         "python": platform.python_version(),
-        **versions,
+        **{name: metadata.version(name) for name in names},
         "blas": ", ".join(blas),
         "machine": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
+        "cores": str(cores()),
         "code": source_digest(),
+        **commit(checkout()),
     }
 
 
@@ -67,8 +88,40 @@ def source_digest() -> str:
     import datasets
     import methods
 
+    return digest_of(*(Path(str(package.__file__)) for package in (datasets, methods)))
+
+
+def digest_of(*places: Path) -> str:
+    """SHA-256 over modules, and over all that stands in a package where its ``__init__.py`` is named; 16 hex digits."""
     total = hashlib.sha256()
-    for package in (datasets, methods):
-        for path in sorted(Path(str(package.__file__)).parent.glob("*.py")):
-            total.update(path.name.encode() + b"\0" + path.read_bytes())
+    for place in places:
+        for file in sorted(place.parent.rglob("*.py")) if place.name == "__init__.py" else [place]:
+            total.update(file.relative_to(place.parent).as_posix().encode() + b"\0" + file.read_bytes())
     return total.hexdigest()[:16]
+
+
+def commit(root: Path | None) -> dict[str, str]:
+    """The commit that a checkout stands at, and whether what computes is as it is there; {} for what is no repository.
+
+    Asks of ``root`` itself: neither the folder that somebody works in nor a repository around an installed package is
+    meant.
+    """
+    if root is None or not (root / ".git").exists():
+        return {}
+    places = [name for name in SOURCES if (root / name).is_dir()]
+    head = _git(root, "rev-parse", "--verify", "HEAD")
+    changes = _git(root, "status", "--porcelain", "--", *places)
+    if head is None or changes is None:
+        return {}
+    return {"commit": head, "tree": "changed" if changes else "clean"}
+
+
+def _git(root: Path, *words: str) -> str | None:
+    """What git says; None where there is no git, or it refuses the folder."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # as in its hooks
+    command = ["git", "--no-optional-locks", "-C", str(root), *words]
+    try:
+        done = subprocess.run(command, env=plain, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.experiments import Settings, compose_jobs, read
+from harness.experiments import Settings, read_plain
+from harness.jobs import plain_jobs
 from harness.record import OK
 from harness.storage import ARRAYS, unpack
 from harness.tracking import Tracked, Tracker
@@ -44,8 +45,8 @@ class Arrays:
 
 def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Tracked]:
     """Finished runs on the published scenes, on real data, of methods with the settings of ``conf/method``."""
-    jobs = compose_jobs([f"method={name}"] for name in methods)
-    wanted = {str(trial.method["name"]): trial.method for trial, _ in map(read, jobs)}
+    jobs = plain_jobs([f"method={name}"] for name in methods)
+    wanted = {str(trial.method["name"]): trial.method for trial, _ in map(read_plain, jobs)}
     return [
         run
         for run in runs

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import takewhile
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from hydra import compose
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from hydra.core.override_parser.types import Override
+from omegaconf import DictConfig
 
 from datasets.gaps import KINDS
 from datasets.tracks import title
-from harness.configurations import WORDS, configurations, one_line
+from harness.configurations import WORDS, configurations
 from harness.configurations import compose_config as compose_config
+from harness.jobs import plain_jobs, resolved
 from harness.record import AUTO, Trial, UsageError
 
 LIMITS = ("seconds", "memory_gb", "sweep_seconds")
@@ -76,24 +73,23 @@ class Settings:
 
 
 def read(cfg: DictConfig) -> tuple[Trial, Settings]:
-    """Split a composed configuration into what is asked and how it is carried out.
+    """:func:`read_plain` of a composed configuration."""
+    return read_plain(resolved(cfg))
+
+
+def read_plain(plain: dict[str, Any]) -> tuple[Trial, Settings]:
+    """Split a resolved configuration into what is asked and how it is carried out.
 
     Raises
     ------
     UsageError
-        If a value is missing or of the wrong kind.
+        If a value is of the wrong kind.
     """
-    try:
-        plain = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
-    except OmegaConfBaseException as error:
-        raise UsageError(f"configuration: {one_line(error)}") from None
-    plain = cast(dict[str, Any], plain)
     for key, allowed in WORDS.items():
         if plain[key] not in allowed:
             raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")
     limits = plain["limits"]
-    for key in ("threads", *(f"limits.{name}" for name in LIMITS)):
-        value = OmegaConf.select(cfg, key)
+    for key, value in {"threads": plain["threads"], **{f"limits.{name}": limits.get(name) for name in LIMITS}}.items():
         if value is None and key == "limits.sweep_seconds":
             continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
@@ -234,82 +230,9 @@ def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
     """
     with configurations():
         seen: dict[str, tuple[Trial, Settings]] = {}
-        for cfg in compose_jobs(spanned(overrides)):
-            trial, settings = read(cfg)
+        for plain in plain_jobs(spanned(overrides)):
+            trial, settings = read_plain(plain)
             seen.setdefault(trial.setting, (trial, settings))
     if not seen:
         raise UsageError("the sweep spans no trial")
     return list(seen.values())
-
-
-def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
-    """:func:`harness.configurations.compose_config` of each job, files read as seldom as can be.
-
-    Jobs that differ in plain values alone share their files: Hydra as well merges the files first and sets the values
-    after. Jobs that differ in several choices of files are put together from the configurations that differ in one,
-    wherever each of those changes keys of its own. Whatever is more than that is composed whole, unless it comes first
-    and is the same in every job.
-    """
-    jobs = [list(job) for job in jobs]
-    same = set(jobs[0]).intersection(*jobs) if jobs else set()
-    with configurations():
-        parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
-        is_group = cache(lambda key: bool(loader.get_group_options(key)))
-        composer = _Composer()
-        for job in jobs:
-            parsed = parser.parse_overrides(job)
-            chosen = [o for o in parsed if is_group(o.key_or_group) and not isinstance(o.value(), dict)]
-            values = [o for o in parsed if o not in chosen]
-            fixed = list(takewhile(lambda o: o.input_line in same, values))
-            cfg = composer.compose(
-                {o.key_or_group: str(o.input_line) for o in chosen}, [str(o.input_line) for o in fixed]
-            )
-            rest = values[len(fixed) :]
-            if all(_is_plain(o, cfg) for o in rest):
-                for o in rest:
-                    OmegaConf.update(cfg, o.key_or_group, o.value())
-                yield cfg
-            else:
-                yield compose("config", overrides=job)
-
-
-class _Composer:
-    """Composes choices of files: each once, and combinations from their parts."""
-
-    def __init__(self) -> None:
-        self._made: dict[tuple[str, ...], tuple[DictConfig, dict[str, Any]]] = {}
-        self._first: dict[tuple[str, ...], dict[str, str]] = {}
-
-    def compose(self, choices: dict[str, str], values: Sequence[str]) -> DictConfig:
-        """A configuration of its own for choices by group, as overrides, and values that come after them."""
-        first = self._first.setdefault(tuple(choices), choices)
-        changed = [group for group, choice in choices.items() if choice != first[group]]
-        if len(changed) < 2:
-            return deepcopy(self._whole(choices, values)[0])
-        cfg, plain = self._whole(first, values)
-        parts: dict[str, Any] = {}
-        for group in changed:
-            part = self._whole(first | {group: choices[group]}, values)[1]
-            own = {key for key in part if key not in plain or part[key] != plain[key]}
-            if part.keys() != plain.keys() or own & parts.keys():
-                return deepcopy(self._whole(choices, values)[0])
-            parts |= {key: part[key] for key in own}
-        cfg = deepcopy(cfg)
-        for key, value in parts.items():
-            cfg[key] = value
-        return cfg
-
-    def _whole(self, choices: Mapping[str, str], values: Sequence[str]) -> tuple[DictConfig, dict[str, Any]]:
-        """A composed configuration, and the same as plain data with its interpolations as they are written."""
-        words = (*choices.values(), *values)
-        if words not in self._made:
-            cfg = compose("config", overrides=list(words))
-            self._made[words] = cfg, cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=False))
-        return self._made[words]
-
-
-def _is_plain(override: Override, cfg: DictConfig) -> bool:
-    """Whether an override gives a single value to a key that has one."""
-    held = OmegaConf.select(cfg, override.key_or_group, default=cfg)
-    plain = isinstance(override.value(), str | int | float | bool | None) and not OmegaConf.is_config(held)
-    return plain and override.type is OverrideType.CHANGE and not override.is_sweep_override()

@@ -26,12 +26,12 @@ def installed() -> list[EntryPoint]:
 def folders() -> dict[str, Path]:
     """The folder of configurations of each package that has one, by the package's name; sorted by name."""
     found: dict[str, Path] = {}
-    for entry in sorted(installed(), key=_package):
-        top = entry.value.partition(":")[0].strip().partition(".")[0]
+    for entry in sorted(installed(), key=package_of):
+        top = top_of(entry)
         spec = find_spec(top) if top.isidentifier() else None  # a top-level package is found, not imported
         for place in (spec.submodule_search_locations or ()) if spec else ():
             if (Path(place) / "conf").is_dir():
-                found.setdefault(_package(entry), Path(place) / "conf")
+                found.setdefault(package_of(entry), Path(place) / "conf")
     return found
 
 
@@ -64,7 +64,7 @@ def faults() -> Iterator[str]:
 
     seen: dict[tuple[str, str], str] = {}
     for entry in entries:
-        package = _package(entry)
+        package = package_of(entry)
         own = ALGORITHMS if entry.group == methods.ENTRY_POINTS else SOURCES
         first = "the harness" if entry.name in own else seen.setdefault((entry.group, entry.name), package)
         if first != package:
@@ -86,5 +86,11 @@ def faults() -> Iterator[str]:
                 yield f"package {package}: {name} is not used, {first} has one of that name; rename it"
 
 
-def _package(entry: EntryPoint) -> str:
+def top_of(entry: EntryPoint) -> str:
+    """The top-level package or module that an entry point is of."""
+    return entry.value.partition(":")[0].strip().partition(".")[0]
+
+
+def package_of(entry: EntryPoint) -> str:
+    """The distribution that declares an entry point."""
     return entry.dist.name if entry.dist else "?"

@@ -9,19 +9,10 @@ from collections.abc import Collection, Iterable, Mapping
 from types import TracebackType
 
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
+from harness.display import Display
 from harness.experiments import Settings
-from harness.record import OK
+from harness.record import Trial
 from harness.running import steps
 from harness.storage import read_record
 from harness.tracking import Tracker
@@ -38,42 +29,31 @@ class Follower:
     Parameters
     ----------
     settings : Settings
-    titles : mapping of str to str
-        The trials of the sweep, title by key.
+    trials : mapping of str to Trial
+        The trials of the sweep, by key.
     before : collection of str
         Keys of those that are done before it begins.
 
     ``entries`` holds what ended so far by key.
     """
 
-    def __init__(self, settings: Settings, titles: Mapping[str, str], before: Collection[str]) -> None:
+    def __init__(self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str]) -> None:
         self.settings = settings
-        self.titles = titles
+        self.trials = trials
         self.entries: dict[str, Entry] = {}
-        self._before = [key for key in titles if key in before]
+        self._before = [key for key in trials if key in before]
         self._writer = Writer(settings)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
         self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
-        self._console = Console(stderr=True)
-        self._bars: dict[str, TaskID] = {}
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=self._console,
-            disable=not sys.stderr.isatty(),
-        )
-        self._task = self._progress.add_task("trials", total=len(titles))
+        self._display = Display(trials, Console(stderr=True), live=sys.stderr.isatty())
 
     def __enter__(self) -> Follower:
-        if len(self._before) < len(self.titles):
+        if len(self._before) < len(self.trials):
             self._writer.start()
-        self._progress.start()
+        self._display.__enter__()
         self._found(self._before)
         self._thread.start()
         return self
@@ -81,7 +61,7 @@ class Follower:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._stop.set()
         self._thread.join()
-        self._progress.stop()
+        self._display.__exit__(kind, error, tb)
 
     @property
     def counts(self) -> Counter[str]:
@@ -92,28 +72,17 @@ class Follower:
         while True:
             last = self._stop.is_set()
             self._drain()
-            self._show()
+            if self._display.live:
+                self._display.running(dict(steps(self.settings.output, self.settings.sweep)))
             self._writer.tend()
             if last:
                 break
             self._stop.wait(0.2)
-        self._found(self.titles.keys() - self.entries.keys())
+        self._found(self.trials.keys() - self.entries.keys())
         for key, entry in self.entries.items():
             if not entry.ran and not self._held(key):
                 self._writer.put(key)
         self._writer.finish()
-
-    def _show(self) -> None:
-        """A bar for each trial at work, with its residuals."""
-        found = dict(steps(self.settings.output, self.settings.sweep)) if self._console.is_terminal else {}
-        for key in self._bars.keys() - found.keys():
-            self._progress.remove_task(self._bars.pop(key))
-        for key, step in found.items():
-            if key not in self._bars:
-                self._bars[key] = self._progress.add_task("")
-            self._progress.update(
-                self._bars[key], total=step.iterations, completed=step.iteration, description=escape(step.words)
-            )
 
     @property
     def trouble(self) -> str:
@@ -131,7 +100,7 @@ class Follower:
             outcome = read_record(self.settings.trials / key)
             if outcome is not None:
                 ran = key not in self._before and outcome.sweep == self.settings.sweep
-                self._take(Entry(key, self.titles[key], outcome.status, ran))
+                self._take(Entry(key, self.trials[key].title, outcome.status, ran))
 
     def _drain(self) -> None:
         path = journal(self.settings.output, self.settings.sweep)
@@ -140,31 +109,11 @@ class Follower:
             self._take(entry)
 
     def _take(self, entry: Entry) -> None:
-        if entry.key in self.titles and entry.key not in self.entries:
-            self.entries[entry.key] = entry
-            failed = sum(n for status, n in self.counts.items() if status != OK)
-            self._progress.update(
-                self._task, advance=1, description=f"trials [red]{failed} failed[/red]" if failed else "trials"
-            )
-            if entry.ran or entry.status != OK:
-                self._say(entry)
-            if entry.ran:
-                self._writer.put(entry.key)
-
-    def _say(self, entry: Entry) -> None:
-        outcome = read_record(self.settings.trials / entry.key)
-        if outcome is None:
+        if entry.key not in self.trials or entry.key in self.entries:
             return
-        shown = {name: outcome.metrics[name] for name in ("e_3d", "e_3d_dai") if name in outcome.metrics}
-        words = [f"{name} {value:.4f}" for name, value in shown.items()]
-        if "n_wrong" in outcome.metrics:
-            words.append(f"wrong {outcome.metrics['n_wrong']:.0f}/{outcome.n_points}")
-        words.append(outcome.error)
-        mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
-        self._console.print(
-            f"[{len(self.entries)}/{len(self.titles)}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
-            + ("" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"),
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        self.entries[entry.key] = entry
+        outcome = read_record(self.settings.trials / entry.key)
+        if outcome is not None:
+            self._display.ended(entry.key, outcome, ran=entry.ran)
+        if entry.ran:
+            self._writer.put(entry.key)

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing import forkserver
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,10 @@ from harness.record import CRASHED, OK, OOM, TIMEOUT
 
 PRELOAD = ["harness.warm"]
 OOM_EXIT, DISK_EXIT = 77, 78
+STARTS = 5  # of the server, before no process can be started
 LOST_EXIT = 255  # what multiprocessing says where nobody saw the child end
 POLL = 0.25  # seconds between two questions whether the child is still wanted
+LOOK = 1.0  # seconds between two looks at the memory that it and its own children hold
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
@@ -59,9 +62,7 @@ def start_server(threads: int = 1) -> None:
 
 def start_process(target: Callable[..., None], *args: Any) -> None:
     """Start a long-lived helper process that ends by itself when its connection does."""
-    start_server()
-    with _CHILDREN, _light_main():
-        _CONTEXT.Process(target=target, args=args, daemon=True).start()
+    _start(target, args, threads=1, daemon=True)
 
 
 def run_isolated(
@@ -83,7 +84,8 @@ def run_isolated(
     args : tuple
         Picklable.
     seconds, memory_gb : float
-        The child and its descendants are killed after ``seconds``; allocations past ``memory_gb`` fail.
+        The child and its descendants are killed after ``seconds``; allocations past ``memory_gb`` fail, and where
+        they hold more than that together (Linux), or in shared memory, they are killed.
     threads : int
         BLAS threads of the child.
     log : Path, optional
@@ -103,17 +105,20 @@ def run_isolated(
     OSError
         If the child could not write its files for want of space.
     """
-    start_server(threads)
-    with _CHILDREN, _light_main():
-        child = _CONTEXT.Process(target=_child, args=(target, args, memory_gb, threads, log))
-        child.start()
+    child = _start(_child, (target, args, memory_gb, threads, log), threads)
+    look = time.monotonic() + LOOK
     end = time.monotonic() + seconds
     try:
         while not multiprocessing.connection.wait([child.sentinel], min(POLL, max(0.0, end - time.monotonic()))):
             if stopped():
                 raise Stopped
-            if time.monotonic() >= end:
+            now = time.monotonic()
+            if now >= end:
                 return Ended(TIMEOUT, f"took more than {seconds:g} s")
+            if now >= look:
+                look = now + LOOK
+                if held_gb(child.pid or 0, memory_gb) > memory_gb:
+                    return Ended(OOM, f"needed more than {memory_gb:g} GB together with its own processes")
     finally:
         _kill_group(child.pid)  # or whatever it left running
         with _CHILDREN:
@@ -131,6 +136,22 @@ def run_isolated(
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return Ended(CRASHED, f"the process was killed by {name}")
     return Ended(CRASHED, f"the process ended with exit code {code}")
+
+
+def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int, daemon: bool = False) -> ForkServerProcess:
+    """Have the server fork a process; a server that is killed in this moment is started again."""
+    for left in reversed(range(STARTS)):
+        start_server(threads)
+        child = _CONTEXT.Process(target=target, args=args, daemon=daemon)
+        try:
+            with _CHILDREN, _light_main():
+                child.start()
+            break
+        except (EOFError, ConnectionError) as error:
+            if not left:
+                raise OSError(errno.ECHILD, f"the server that starts trials was lost {STARTS} times") from error
+            time.sleep(0.2)
+    return child
 
 
 def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:
@@ -177,12 +198,45 @@ def _limit_memory(memory_gb: float) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
+def held_gb(session: int, enough: float) -> float:
+    """GB of memory, shared and not, that the processes of a session hold together; 0 where the system does not tell.
+
+    Pages that they share count once. To find that out takes time, so it is left out while each for itself they hold
+    no more than ``enough``.
+    """
+    members = _members(session)
+    resident = sum(_told(f"/proc/{pid}/status", ("RssAnon:", "RssShmem:", "VmSwap:")) for pid in members)
+    if resident <= enough:
+        return resident
+    return sum(_told(f"/proc/{pid}/smaps_rollup", ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")) for pid in members)
+
+
+def _members(session: int) -> list[int]:
+    """The processes of a session; none where the system keeps no list."""
+    found = []
+    for name in os.listdir("/proc") if sys.platform == "linux" else ():  # noqa: PTH208, it asks for names
+        with contextlib.suppress(OSError):
+            if name.isdecimal() and os.getsid(int(name)) == session:
+                found.append(int(name))
+    return found
+
+
+def _told(path: str, names: tuple[str, ...]) -> float:
+    """GB that a file of the system says some things take; 0 for a process that has just ended."""
+    try:
+        lines = Path(path).read_text().splitlines()
+    except OSError:
+        return 0.0
+    return sum(int(line.split()[1]) for line in lines if line.startswith(names)) / 2**20
+
+
 def _kill_group(pid: int | None) -> None:
     if pid is not None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.kill(pid, signal.SIGKILL)
+        for one in (pid, *_members(pid)):  # a child may have made a group of its own
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(one, signal.SIGKILL)
 
 
 @contextlib.contextmanager

@@ -7,15 +7,18 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from hydra import compose
+from omegaconf import DictConfig, OmegaConf
 
 from harness.environment import cores
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
 
-BASIC, SLURM = "basic", "submitit_slurm"
+BASIC, SLURM, RAY = "basic", "submitit_slurm", "ray"
+RAY_STORE = 75 << 20  # bytes: no result passes through it, trials write their own
 
 
 class Launcher:
@@ -46,14 +49,26 @@ class Launcher:
         if self._name == SLURM and settings.workers is None:
             raise UsageError("say how many Slurm jobs are to share the trials: workers=20")
         n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
+        self._config: DictConfig = hydra.launcher
         self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
+
+    @property
+    def local(self) -> bool:
+        """Whether the workers are of this machine."""
+        return self._name in (BASIC, "joblib", "submitit_local")
+
+    def workers(self, n_jobs: int) -> int:
+        """How many workers share so many jobs."""
+        return min(n_jobs, self._most)
 
     def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
         """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
-        n_workers = min(len(work.jobs), self._most)
+        n_workers = self.workers(len(work.jobs))
         if self._name == BASIC:
             _threads(work, n_workers)
             return
+        if self._name == RAY:
+            _start_ray(OmegaConf.to_container(self._config.ray.init, resolve=True))
         own = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
@@ -72,6 +87,18 @@ def _threads(work: Work, n_workers: int) -> None:
             raise
     for worker in workers:
         worker.result()
+
+
+def _start_ray(config: Any) -> None:
+    """Start Ray, or join its cluster, before its launcher does, and take SIGTERM back from it: Ray would abort."""
+    import ray
+
+    if not ray.is_initialized():
+        handler = signal.getsignal(signal.SIGTERM)
+        try:
+            ray.init(**{"object_store_memory": RAY_STORE} | config)
+        finally:
+            signal.signal(signal.SIGTERM, handler)
 
 
 @contextmanager

@@ -94,14 +94,22 @@ def plan() -> Parser:
     parser = Parser(
         "harness plan",
         "Say what 'harness run' would do with the same overrides. Trials done, missing and failed are told apart, "
-        "with the time and the memory that they will take.",
+        "with the time, the memory and the disk that they will take.",
         """\
 harness plan +experiment=table1
-harness plan method=ours,edsc noise.level=0,0.02
+harness plan method=ours,edsc noise.level=0,0.02 workers=4
+harness plan +experiment=noise rerun=failed  # what 'harness run' would repeat
+harness plan +experiment=noise --all  # every trial, not methods and states
+harness plan +experiment=noise --json  # for machines
 harness plan +experiment=dense_full limits.memory_gb=4  # what does not fit is refused before it runs""",
-        "exit codes: 0 nothing failed and nothing is in the way, 2 otherwise, 3 usage",
+        "Time is that of past trials of the method and size; where there are none, of the nearest size, scaled. What\n"
+        "it rests on stands beside it.\n\n"
+        "exit codes: 0 nothing failed for good and nothing is in the way, 2 otherwise, 3 usage",
     )
     parser.add_overrides()
+    parser.add_argument("-m", "--multirun", action="store_true", help="as of 'harness run'; changes nothing here")
+    parser.add_argument("--all", action="store_true", help="a row for every trial, however many there are")
+    parser.add_argument("--json", action="store_true", help="every trial and the sums, for machines")
     return parser
 
 

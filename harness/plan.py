@@ -2,118 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from statistics import median
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
-from datasets.body import DatasetError
-from datasets.registry import load_scene
 from harness import parsers
-from harness.experiments import Settings, expand
-from harness.memory import Size, foreseen_gb, refusal
-from harness.record import OK, Outcome, Trial, digest
-from harness.storage import read_record
-from harness.trial import identify
-from methods.base import Method, MethodError
-from methods.registry import build_method
+from harness.environment import cores
+from harness.forecast import size_words, time_words
+from harness.planning import Plan, Planned, plan
 
-
-@dataclass(frozen=True)
-class Planned:
-    """A trial of an experiment: its key, why it cannot run ("" when it can), and its record when it is done.
-
-    ``foreseen_gb`` is the memory that it is going to take, where the method can say.
-    """
-
-    trial: Trial
-    key: str
-    reason: str
-    outcome: Outcome | None
-    foreseen_gb: float | None = None
-
-    @property
-    def state(self) -> str:
-        if self.outcome is None:
-            return "cannot run" if self.reason else "missing"
-        return "done" if self.outcome.status == OK else self.outcome.status
-
-
-def plan(overrides: Sequence[str]) -> tuple[list[Planned], Settings]:
-    """Every trial of the overrides with what is known of it.
-
-    Raises
-    ------
-    UsageError
-        If the overrides cannot be composed.
-    """
-    trials = expand(overrides)
-    planned: list[Planned] = []
-    sizes: dict[str, Size | str] = {}
-    for trial, settings in trials:
-        key, reason = identify(trial, settings)
-        outcome, need, why = read_record(settings.trials / key), None, str(reason or "")
-        if outcome is None and not why:
-            need, why = _memory(trial, settings, sizes)
-        planned.append(Planned(trial, key, why, outcome, need))
-    return planned, trials[0][1]
-
-
-def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> tuple[float | None, str]:
-    """The memory in GB that a trial is going to take, and why it does not fit; each scene is made once for that."""
-    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    if type(method).memory is Method.memory:
-        return None, ""
-    scene = digest(trial.dataset)
-    if scene not in sizes:
-        try:
-            sizes[scene] = Size.of(load_scene(trial.dataset, settings.data, settings.missing == "stand_in"))
-        except DatasetError as error:
-            sizes[scene] = str(error)
-    size = sizes[scene]
-    if isinstance(size, str):
-        return None, size
-    try:
-        return foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
-    except MethodError as error:
-        return None, str(error)
+ROWS = 40  # more are told by method and state
+WIDTH = 120  # where the output is no terminal
 
 
 def main(argv: Sequence[str]) -> int:
     """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
-    planned, settings = plan(parsers.plan().read(argv).overrides)
-    past = [o for o in map(read_record, sorted(settings.trials.glob("*/"))) if o is not None and o.status == OK]
+    given = parsers.plan().read(argv)
+    found = plan(given.overrides)
+    if given.json:
+        print(json.dumps(_plain(found), indent=1))
+    else:
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=WIDTH, color_system=None)
+        console.print(_table(found) if given.all or len(found.trials) <= ROWS else _summary(found))
+        for line in _lines(found):
+            print(line)
+    clear = all(item.runs or item.state == "done" for item in found.trials)
+    return 0 if clear and found.fits and not any(item.reason for item in found.trials) else 2
+
+
+def _table(found: Plan) -> Table:
+    """A row for each trial."""
+    table = _grid("trial", "state", "time", "memory", "disk")
+    for item in found.trials:
+        table.add_row(Text(item.trial.title), Text(item.state), *_numbers([item]), Text(item.words))
+    return table
+
+
+def _summary(found: Plan) -> Table:
+    """A row for each method and state: sums of time and disk, and the memory of the largest trial."""
+    groups: dict[tuple[str, str], list[Planned]] = {}
+    for item in found.trials:
+        groups.setdefault((item.state, str(item.trial.method["name"])), []).append(item)
+    table = _grid("method", "state", "trials", "time, sum", "memory", "disk, sum")
+    for (state, method), items in groups.items():
+        words = list(dict.fromkeys(item.words for item in items if item.words))
+        said = f"{words[0]}; {len(words) - 1} more with --all" if len(words) > 1 else "".join(words)
+        table.add_row(Text(method), Text(state), str(len(items)), *_numbers(items), Text(said))
+    return table
+
+
+def _grid(*headings: str) -> Table:
     table = Table(box=None, pad_edge=False)
-    for heading in ("trial", "state", "expected"):
-        table.add_column(heading, overflow="fold")
-    seconds, unknown, memory = 0.0, 0, 0.0
-    for item in planned:
-        expected = ""
-        if item.state == "missing":
-            like = [o for o in past if o.method == str(item.trial.method["name"])]
-            same = [o for o in like if o.dataset == str(item.trial.dataset["name"])] or like
-            if same:
-                cost, size = median(o.seconds or 0 for o in same), max(o.peak_mb or 0 for o in same)
-                size = size if item.foreseen_gb is None else 1024 * item.foreseen_gb
-                seconds, memory, expected = seconds + cost, max(memory, size), f"{cost:.1f} s, {size:.0f} MB"
-            else:
-                unknown, expected = unknown + 1, "no past trial of this method"
-                if item.foreseen_gb is not None:
-                    memory = max(memory, 1024 * item.foreseen_gb)
-                    expected += f", {1024 * item.foreseen_gb:.0f} MB"
-        elif item.outcome is not None:
-            expected = escape(item.outcome.error)
-        else:
-            expected = escape(item.reason)
-        table.add_row(escape(item.trial.title), item.state, expected)
-    console = Console(soft_wrap=False)
-    console.print(table)
-    count = {state: sum(i.state == state for i in planned) for state in dict.fromkeys(i.state for i in planned)}
-    print(f"{len(planned)} trials: {', '.join(f'{n} {state}' for state, n in count.items())}.")
-    if seconds or unknown:
-        rest = f", and {unknown} of unknown length" if unknown else ""
-        print(f"Expected: {seconds:.0f} s of one core{rest}; at most {memory:.0f} MB a trial.")
-    return 0 if set(count) <= {"done", "missing"} else 2
+    for i, heading in enumerate((*headings, "")):
+        number = 2 <= i < len(headings)
+        table.add_column(heading, overflow="fold", justify="right" if number else "left", no_wrap=number)
+    return table
+
+
+def _numbers(items: Sequence[Planned]) -> tuple[str, str, str]:
+    """Time, memory and disk of trials; empty where nothing runs or nothing is known."""
+    known = [item.forecast for item in items if item.forecast and not item.reason]
+    memory = max((item.memory_mb or 0.0 for item in items if not item.reason), default=0.0)
+    return (
+        time_words(sum(f.seconds for f in known)) if known else "",
+        size_words(memory) if memory else "",
+        size_words(sum(f.disk_mb for f in known)) if known else "",
+    )
+
+
+def _lines(found: Plan) -> Iterator[str]:
+    """The sums below the table, and what may come in the way."""
+    yield f"{_trials(len(found.trials))}: {', '.join(f'{n} {state}' for state, n in found.counts.items())}."
+    if not found.to_run:
+        yield "Nothing to run."
+    else:
+        on = f"{found.workers} worker{'' if found.workers == 1 else 's'}"
+        on += f" of {cores()} cores" if found.here else ""
+        said = [f"{time_words(found.wall_seconds)} on {on}, {time_words(found.cpu_seconds)} of CPU time"]
+        said = said if found.known else []
+        if found.unknown:
+            said.append(f"{_trials(found.unknown)} of unknown length")
+        if found.memory_mb:
+            said.append(f"at most {size_words(found.memory_mb)} of memory a trial")
+        if found.known:
+            said.append(f"{size_words(found.disk_mb)} of disk, {size_words(found.free_mb)} are free")
+        yield f"To run: {len(found.to_run)}. Expected: {'; '.join(said) or 'nothing that can run'}."
+    yield from (f"! {warning}" for warning in found.warnings)
+
+
+def _trials(n: int) -> str:
+    return f"{n} trial{'' if n == 1 else 's'}"
+
+
+def _plain(found: Plan) -> dict[str, Any]:
+    """The plan as JSON has it; what is not known is left out."""
+    return {
+        "counts": dict(found.counts),
+        "to_run": len(found.to_run),
+        "unknown": found.unknown,
+        "workers": found.workers,
+        "cores": cores(),
+        "wall_seconds": round(found.wall_seconds, 2),
+        "cpu_seconds": round(found.cpu_seconds, 2),
+        "memory_mb": round(found.memory_mb, 1),
+        "disk_mb": round(found.disk_mb, 2),
+        "free_mb": round(found.free_mb),
+        "warnings": list(found.warnings),
+        "trials": [_row(item) for item in found.trials],
+    }
+
+
+def _row(item: Planned) -> dict[str, Any]:
+    forecast = item.forecast
+    row = {
+        "key": item.key,
+        "title": item.trial.title,
+        "dataset": item.trial.dataset["name"],
+        "method": item.trial.method["name"],
+        "state": item.state,
+        "runs": item.runs,
+        "reason": item.reason or (item.outcome.error if item.outcome else ""),
+        "seconds": forecast and round(forecast.seconds, 3),
+        "cpu_seconds": forecast and round(forecast.cpu_seconds, 3),
+        "memory_mb": item.memory_mb and round(item.memory_mb, 1),
+        "disk_mb": forecast and round(forecast.disk_mb, 3),
+        "basis": forecast and forecast.basis,
+    }
+    return {name: value for name, value in row.items() if value not in (None, "")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from datasets.scene import Scene
 from harness.memory import Size, refusal
 from harness.record import UsageError
-from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction
+from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction, stage
 from methods.gaps import complete
 from methods.rotation import estimate_cameras
 
@@ -25,7 +25,6 @@ def reconstruct(
     *,
     memory_gb: float = float("inf"),
     progress: Progress | None = None,
-    stage: Callable[[str], None] = lambda said: None,
 ) -> Reconstruction:
     """What a method finds in a scene.
 
@@ -41,9 +40,7 @@ def reconstruct(
     memory_gb : float
         What would need more is not begun.
     progress : callable, optional
-        Told of the method's iterations.
-    stage : callable
-        Told what begins, in words.
+        Told of the stages and of the method's iterations.
 
     Raises
     ------
@@ -57,9 +54,9 @@ def reconstruct(
     R = NO_CAMERAS
     if method.uses_cameras:
         if cameras["source"] != "known":
-            stage("cameras from the tracks")
+            stage(progress, "cameras")
         R = _cameras(scene, cameras)
-    stage(f"{scene.n_points} tracks over {scene.n_frames} frames")
+    stage(progress, "method")
     gaps = _gaps(method, scene)
     found = method.reconstruct(scene.tracks, R, n_bodies, edges=scene.edges, progress=progress, **gaps)
     check(found, method.provides, scene.tracks.shape)

@@ -80,6 +80,7 @@ class Outcome:
     """What a trial left behind; the contents of its ``result.json``.
 
     ``metrics`` holds finite numbers alone: a metric that does not apply is left out, never null or 0.
+    ``seconds`` is time by the clock, ``cpu_seconds`` that of all cores, ``peak_mb`` the largest resident size in MB.
     ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom, absent (the data are not
     there; ``error`` says how to get them).
     """
@@ -100,6 +101,7 @@ class Outcome:
     n_frames: int | None = None
     metrics: dict[str, float] = field(default_factory=dict)
     seconds: float | None = None
+    cpu_seconds: float | None = None
     peak_mb: float | None = None
     error: str = ""
     finished: str = ""

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import hydra
@@ -21,7 +21,7 @@ from harness.experiments import Settings, expand
 from harness.follow import Follower
 from harness.isolation import start_server
 from harness.launcher import Launcher
-from harness.record import OK, UsageError
+from harness.record import OK, Trial, UsageError
 from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
@@ -58,32 +58,38 @@ def main(argv: Sequence[str]) -> int:
     if asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
         return _hydra(list(argv))
     start_server()
-    begun = datetime.now(UTC).isoformat(timespec="milliseconds")
     trials = expand(overrides)
     sweep = trials[0][1].sweep or _name()
     jobs: dict[str, Job] = {}
     for trial, own in trials:
-        jobs.setdefault(identify(trial, own)[0], Job(trial, replace(own, sweep=sweep)))
+        key = identify(trial, own)[0]
+        if key not in jobs:
+            found = read_record(own.trials / key)
+            jobs[key] = Job(trial, replace(own, sweep=sweep), found.finished if found else "")
     settings = next(iter(jobs.values())).settings
     launcher = Launcher(overrides, settings)
 
     def missing() -> dict[str, Job]:
         found = {key: read_record(settings.trials / key) for key in jobs}
-        again = {key for key, o in found.items() if o is None or repeats(o, jobs[key].settings.rerun, begun)}
-        return {key: job for key, job in jobs.items() if key in again}
+
+        def again(key: str, job: Job) -> bool:
+            outcome = found[key]
+            return outcome is None or repeats(outcome, job.trial, job.settings.rerun, job.old)
+
+        return {key: job for key, job in jobs.items() if again(key, job)}
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    titles = {key: job.trial.title for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
-        trouble = _carry_out(missing, settings, launcher, begun)
+    asked_for = {key: job.trial for key, job in jobs.items()}
+    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys()) as follower:
+        trouble = _carry_out(missing, settings, launcher)
     if trouble:
         print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
     if len(jobs) > 1 or asked.multirun:
-        _show(overrides)
+        _show(overrides, trials)
     return _report(follower)
 
 
-def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher, begun: str) -> str:
+def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher) -> str:
     """Start workers until nothing is missing; what was in the way, or "".
 
     An attempt may end early, as when a worker is killed; the next runs the rest.
@@ -92,7 +98,7 @@ def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launch
     until, lost, trouble = time.time() + settings.sweep_seconds, 0, ""
     left = missing()
     while left and lost < ATTEMPTS and time.time() < until:
-        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), begun, until)
+        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), until)
         try:
             trouble = _attempt(work, launcher)
         except BaseException:
@@ -120,8 +126,8 @@ def _interruptible() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _show(overrides: Sequence[str]) -> None:
-    """Print the tables that a sweep has just filled."""
+def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
+    """Print the tables that a sweep of these trials has just filled."""
     from harness.answers import recorded
     from reports.layouts import FILLS, Layout
     from reports.tables import build
@@ -131,7 +137,8 @@ def _show(overrides: Sequence[str]) -> None:
     name = named[-1].partition("=")[2] if named else "sweep"
     others = [word for word in overrides if word not in named]
     for table in FILLS.get(name, (name,)):
-        found = recorded([*([f"+experiment={table}"] if named else []), *others])
+        asked = trials if table == name else expand([f"+experiment={table}", *others])
+        found = recorded(asked)
         console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
 
 
@@ -148,7 +155,7 @@ def _report(follower: Follower) -> int:
     entries = follower.entries.values()
     ran = [entry for entry in entries if entry.ran]
     before = len(entries) - len(ran)
-    missing = len(follower.titles) - len(entries)
+    missing = len(follower.trials) - len(entries)
     bad = {status: n for status, n in follower.counts.items() if status != OK}
     parts = [f"{len(ran)} run" if ran else "nothing to run"]
     if before:
@@ -156,12 +163,13 @@ def _report(follower: Follower) -> int:
     parts += [f"{n} {status}" for status, n in sorted(bad.items())]
     if missing:
         parts.append(f"{missing} not reached")
-    total = len(follower.titles)
+    total = len(follower.trials)
     print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:
-        print(f"{follower.trouble}; the trials are safe, 'harness sync' brings them in", file=sys.stderr)
+        remedy = "" if "'harness sync'" in follower.trouble else ", 'harness sync' brings them in"
+        print(f"{follower.trouble}; the trials are safe{remedy}", file=sys.stderr)
     return 2 if bad or missing or follower.trouble else 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -218,7 +218,6 @@ def solve(
     rank: int | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
-    stage: Callable[[str], None] = lambda said: None,
     **settings: Any,
 ) -> Solution:
     """Reconstruct tracks and tell the bodies apart.
@@ -239,9 +238,7 @@ def solve(
     overrides : sequence of str
         As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``.
     progress : callable, optional
-        Told of every iteration, see :data:`methods.base.Progress`.
-    stage : callable
-        Told what begins, in words.
+        Told of every iteration, see :data:`methods.base.Progress`; of the stages, too, if it has a method ``stage``.
     **settings
         The method's hyper-parameters.
 
@@ -281,7 +278,6 @@ def solve(
         asked["cameras"],
         memory_gb=float(asked["limits"]["memory_gb"]),
         progress=progress,
-        stage=stage,
     )
     source = "the file" if known else f"the tracks, K = {asked['cameras'].get('rank')}"
     return Solution(
@@ -309,20 +305,13 @@ def _n_bodies(asked: object, scene: Scene) -> int | None:
 
 def _configured(overrides: Sequence[str]) -> dict[str, Any]:
     """The configuration as plain data."""
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
+    from harness.configurations import compose_config
+    from harness.experiments import read_plain
+    from harness.jobs import resolved
 
-    from harness.configurations import compose_config, one_line
-    from harness.experiments import read
-
-    cfg = compose_config(overrides)
-    read(cfg)
-    try:
-        plain = OmegaConf.to_container(cfg, resolve=True)
-    except OmegaConfBaseException as error:
-        raise UsageError(one_line(error)) from None
-    assert isinstance(plain, dict)
-    return {str(name): value for name, value in plain.items()}
+    plain = resolved(compose_config(overrides))
+    read_plain(plain)
+    return plain
 
 
 def _merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:

@@ -48,8 +48,8 @@ def _solve(given: Any) -> int:
     asked = {"method": given.method, "cameras": given.cameras, "rank": given.rank, "overrides": given.overrides}
     again = f"harness run dataset=tracks dataset.file={given.file} method={given.method}"
     try:
-        with _progress() as (stage, progress):
-            solution = solve(scene, n_bodies, **asked, stage=stage, progress=progress)
+        with _progress(f"{scene.n_points} tracks over {scene.n_frames} frames") as progress:
+            solution = solve(scene, n_bodies, **asked, progress=progress)
     except (MethodError, MemoryError) as error:
         said = str(error) or "there is not enough memory; take fewer tracks, or a method for dense tracks (ours_c)"
         print(f"harness solve: {' '.join(said.split())}", file=sys.stderr)
@@ -80,27 +80,31 @@ def _number(word: str | None) -> int | str | None:
         raise UsageError(f"--bodies is {word!r}, wanted a whole number or auto") from None
 
 
+class _Bar:
+    """A :data:`methods.base.Progress` that a terminal shows."""
+
+    def __init__(self, bars: Any, scene: str) -> None:
+        self._bars, self._scene, self._said = bars, scene, ""
+        self._task = bars.add_task(scene, total=None)
+
+    def stage(self, name: str) -> None:
+        self._said = f"{self._scene}: {name}"
+        self._bars.update(self._task, description=self._said, completed=0, total=None)
+
+    def __call__(self, iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
+        words = ", ".join(f"{name} {value:.0e}" for name, value in residuals.items())
+        self._bars.update(self._task, completed=iteration, total=iterations, description=f"{self._said}, {words}")
+
+
 @contextmanager
-def _progress() -> Iterator[Any]:
-    """Two functions that tell a terminal what is at work and how far it is; elsewhere they say nothing."""
+def _progress(scene: str) -> Iterator[_Bar | None]:
+    """What tells a terminal what is at work and how far it is; elsewhere nothing is said."""
     if not sys.stderr.isatty():
-        yield (lambda said: None), None
+        yield None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("", total=None)
-        said = ""
-
-        def stage(words: str) -> None:
-            nonlocal said
-            said = words
-            bars.update(task, description=words)
-
-        def progress(iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
-            words = ", ".join(f"{name} {value:.0e}" for name, value in residuals.items())
-            bars.update(task, completed=iteration, total=iterations, description=f"{said}: {words}")
-
-        yield stage, progress
+        yield _Bar(bars, scene)

@@ -25,8 +25,9 @@ TRACKED = "tracked.txt"  # the store that holds the record, and the record's tim
 
 
 def write_record(folder: Path, outcome: Outcome) -> None:
-    """Write ``result.json``, the mark of a finished trial, atomically."""
-    outcome = replace(outcome, finished=datetime.now(UTC).isoformat(timespec="milliseconds"), environment=environment())
+    """Write ``result.json``, the mark of a finished trial, atomically; to its environment comes that of the process."""
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    outcome = replace(outcome, finished=now, environment={**environment(), **outcome.environment})
     write_atomically(folder / RESULT, lambda handle: handle.write(outcome.to_json().encode()))
 
 

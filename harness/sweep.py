@@ -28,10 +28,14 @@ KILLED = ("killed by SIGKILL", "the process was killed, or lost")  # from outsid
 
 @dataclass(frozen=True)
 class Job:
-    """A trial of a sweep, with the settings that it runs under."""
+    """A trial of a sweep, with the settings that it runs under.
+
+    ``old`` is when the record that the sweep found was finished, "" where there was none: any other was made since.
+    """
 
     trial: Trial
     settings: Settings
+    old: str = ""
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,6 @@ class Work:
     path : Path
         Its file; beside it, ``.stop`` tells the workers to end.
     jobs : sequence of Job
-    since : str
-        When it began: a record that is younger was made by a fellow and is not made again.
     until : float
         Seconds since 1970 after which no trial goes on.
     home : str
@@ -53,23 +55,22 @@ class Work:
 
     path: Path
     jobs: Sequence[Job]
-    since: str
     until: float
     home: str
 
     @classmethod
-    def begin(cls, path: Path, jobs: Sequence[Job], since: str, until: float) -> Work:
+    def begin(cls, path: Path, jobs: Sequence[Job], until: float) -> Work:
         """Write down what the workers of this process are to do."""
-        work = cls(path, jobs, since, until, _home(os.getpid()))
-        rows = [{"trial": asdict(job.trial), "settings": _plain(job.settings)} for job in jobs]
-        head = {"since": since, "until": until, "home": work.home}
+        work = cls(path, jobs, until, _home(os.getpid()))
+        rows = [{"trial": asdict(job.trial), "settings": _plain(job.settings), "old": job.old} for job in jobs]
+        head = {"until": until, "home": work.home}
         write_text(path, json.dumps(head | {"jobs": rows}))
         return work
 
     @classmethod
     def read(cls, path: Path) -> Work:
         data = json.loads(path.read_text())
-        jobs = [Job(Trial(**row["trial"]), _settings(row["settings"])) for row in data.pop("jobs")]
+        jobs = [Job(Trial(**row["trial"]), _settings(row["settings"]), row["old"]) for row in data.pop("jobs")]
         return cls(path, jobs, **data)
 
     def end(self) -> None:
@@ -108,9 +109,10 @@ def go_through(work: Work) -> None:
         for i, wait in turn:
             if work.over:
                 return
-            trial, settings = work.jobs[i].trial, work.jobs[i].settings
+            job = work.jobs[i]
+            trial, settings = job.trial, job.settings
             try:
-                outcome, ran = execute(trial, settings, since=work.since, again=i in tries, stopped=stopped, wait=wait)
+                outcome, ran = execute(trial, settings, old=job.old, again=i in tries, stopped=stopped, wait=wait)
             except Busy:
                 later.append((i, True))
                 continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain
@@ -19,6 +19,7 @@ from filelock import FileLock
 from harness.curves import thinned
 from harness.record import OK, Outcome, UsageError
 from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
+from harness.store import words
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -68,7 +69,7 @@ class Tracker:
         """
         if self._client is None:
             self.output.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.output / ".tracker.lock"):
+            with FileLock(self.output / ".tracker.lock"), self._in_words():
                 self._connect()
         assert self._client is not None
         return self._client
@@ -81,26 +82,33 @@ class Tracker:
         for name in ("mlflow", "alembic", "sqlalchemy"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised as well
         artifacts = None
-        try:
-            if self.uri.startswith("sqlite:///"):
-                path = Path(self.uri.removeprefix("sqlite:///"))
-                artifacts = (self.output / "artifacts").as_uri()
-                if not path.exists():  # made beside its place: a kill in the middle leaves no half-made store
-                    fresh = path.with_name(f".{path.name}.new")
-                    fresh.unlink(missing_ok=True)
-                    MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
-                    fresh.replace(path)
-                with closing(sqlite3.connect(path)) as db:
-                    db.execute("PRAGMA journal_mode=WAL")
-            client = MlflowClient(self.uri, registry_uri=self.uri)
-            experiment = client.get_experiment_by_name(EXPERIMENT)
-            self._experiment = (
-                experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
-            )
-        except Exception as error:  # MLflow lets the errors of its database, drivers and network through
-            reason = " ".join(str(error).split())[:300]
-            raise UsageError(f"tracker {shown(self.uri)} cannot be used: {type(error).__name__}: {reason}") from None
+        if self.uri.startswith("sqlite:///"):
+            path = Path(self.uri.removeprefix("sqlite:///"))
+            artifacts = (self.output / "artifacts").as_uri()
+            if not path.exists():  # made beside its place: a kill in the middle leaves no half-made store
+                fresh = path.with_name(f".{path.name}.new")
+                fresh.unlink(missing_ok=True)
+                MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
+                fresh.replace(path)
+            with closing(sqlite3.connect(path)) as db:
+                db.execute("PRAGMA journal_mode=WAL")
+        client = MlflowClient(self.uri, registry_uri=self.uri)
+        experiment = client.get_experiment_by_name(EXPERIMENT)
+        self._experiment = experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
         self._client = client
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        """MLflow lets the errors of its database, drivers and network through: they become one line."""
+        try:
+            yield
+        except UsageError:
+            raise
+        except Exception as error:
+            if isinstance(error, OSError) and error.filename:  # a file of the output folder
+                raise
+            said = words(error) or f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            raise UsageError(f"tracker {shown(self.uri)} cannot be used: {said}") from None
 
     def log(self, outcome: Outcome, folder: Path) -> str:
         """Write one trial, once: a whole run of the same trial and time is left alone, any other is replaced.
@@ -122,7 +130,7 @@ class Tracker:
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
         client = self.client
-        with FileLock(self.output / ".tracker.lock"):
+        with FileLock(self.output / ".tracker.lock"), self._in_words():
             for run in client.search_runs([self._experiment], f"tags.trial_key = '{outcome.key}'"):
                 if run.data.tags.get("finished") == outcome.finished:
                     self._note(outcome, folder)
@@ -134,7 +142,7 @@ class Tracker:
                 self._experiment, start_time=start, run_name=f"{outcome.dataset} {outcome.method}", tags=_tags(outcome)
             )
             run_id = str(run.info.run_id)
-            measured = {"seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
+            measured = {name: getattr(outcome, name) for name in ("seconds", "cpu_seconds", "peak_mb")}
             metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
             points = [Metric(name, value, end, 0) for name, value in metrics.items()]
             points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
@@ -175,7 +183,9 @@ class Tracker:
         """Every trial in the store, or those of some keys, oldest first."""
         wanted = [""] if keys is None else [f"tags.trial_key = '{key}'" for key in keys]
         found: list[Tracked] = []
-        for run in chain.from_iterable(map(self._runs, wanted)):
+        with self._in_words():
+            runs = list(chain.from_iterable(map(self._runs, wanted)))
+        for run in runs:
             try:
                 outcome = Outcome.from_json(run.data.tags.get("record", ""))
             except ValueError:
@@ -249,6 +259,7 @@ def _tags(outcome: Outcome) -> dict[str, str]:
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
         "error": outcome.error[:500],
+        **{f"env.{name}": value[:500] for name, value in outcome.environment.items()},
     }
 
 

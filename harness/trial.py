@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,8 +18,9 @@ from harness import storage
 from harness.environment import COMPUTES, environment
 from harness.experiments import Settings
 from harness.isolation import Stopped, run_isolated
+from harness.packages import packages_of
 from harness.record import ABSENT, FAILED, OK, Outcome, Trial
-from harness.running import place
+from harness.running import forget, place
 from methods.base import MethodError
 from methods.registry import build_method, version
 
@@ -36,18 +37,18 @@ class Entry:
 
 def identify(trial: Trial, settings: Settings) -> tuple[str, DatasetError | MethodError | None]:
     """The trial's key, and why it cannot run (None when it can)."""
+    key, reason, _ = _identity(trial, settings)
+    return key, reason
+
+
+def _identity(trial: Trial, settings: Settings) -> tuple[str, DatasetError | MethodError | None, str]:
+    """:func:`identify`, and the digest of the data, "" where they cannot be had."""
     try:
         data = datasets.digest(trial.dataset, settings.data, settings.missing == "stand_in")
         method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     except (DatasetError, MethodError) as error:
-        return trial.key("unavailable", str(error)), error
-    return trial.key(data, version(method)), None
-
-
-def done(trial: Trial, settings: Settings) -> tuple[str, Outcome | None]:
-    """The trial's key and its record, if it is done."""
-    key, _ = identify(trial, settings)
-    return key, storage.read_record(settings.trials / key)
+        return trial.key("unavailable", str(error)), error, ""
+    return trial.key(data, version(method)), None, data
 
 
 class Busy(Exception):
@@ -58,7 +59,7 @@ def execute(
     trial: Trial,
     settings: Settings,
     *,
-    since: str = "",
+    old: str | None = None,
     again: bool = False,
     stopped: Callable[[], bool] = lambda: False,
     wait: bool = True,
@@ -71,8 +72,9 @@ def execute(
     ----------
     trial : Trial
     settings : Settings
-    since : str
-        The time from which on a record counts as new, whatever ``settings.rerun`` says.
+    old : str, optional
+        When the record that the sweep found was finished, "" if there was none: any other record is new, whatever
+        ``settings.rerun`` says. Told by what it says and not by its age, for clocks of machines differ.
     again : bool
         Run it whatever record it has.
     stopped : callable
@@ -89,19 +91,19 @@ def execute(
     OSError
         If its files cannot be written.
     """
-    key, reason = identify(trial, settings)
+    key, reason, data = _identity(trial, settings)
     folder = settings.trials / key
     before = storage.read_record(folder)
-    if before is not None and not (again or repeats(before, settings.rerun, since)):
+    if before is not None and not (again or repeats(before, trial, settings.rerun, old)):
         return before, False
     folder.mkdir(parents=True, exist_ok=True)
     with _own(folder / ".lock", stopped, wait):
         before = storage.read_record(folder)
-        if before is not None and not (again or repeats(before, settings.rerun, since)):
+        if before is not None and not (again or repeats(before, trial, settings.rerun, old)):
             return before, False
         (folder / storage.TRACEBACK).unlink(missing_ok=True)
         start = time.monotonic()
-        blank = _blank(trial, key, settings.sweep)
+        blank = _blank(trial, key, data, settings)
         if reason:
             status = ABSENT if isinstance(reason, MissingData) else FAILED
             storage.write_record(folder, replace(blank, status=status, error=str(reason)))
@@ -119,8 +121,7 @@ def execute(
                     stopped=stopped,
                 )
             finally:
-                if running is not None:
-                    running.unlink(missing_ok=True)
+                forget(running)
             if ended.status != OK:
                 storage.check_space(folder)
                 seconds = round(time.monotonic() - start, 4)
@@ -151,13 +152,13 @@ def _own(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
         lock.release()
 
 
-def repeats(before: Outcome, rerun: str, since: str = "") -> bool:
-    """Whether a trial with this record is to run again: never if the record is of ``since`` or younger."""
-    if since and before.finished >= since:
+def repeats(before: Outcome, trial: Trial, rerun: str, old: str | None = None) -> bool:
+    """Whether a trial with this record is to run again: never if the record is another than the ``old`` one."""
+    if old is not None and before.finished != old:
         return False
     if rerun == "stale":
-        here = environment()
-        return any(before.environment.get(name) != here[name] for name in COMPUTES)
+        here = {**environment(), "packages": packages_of(trial)}
+        return any(before.environment.get(name, "") != here[name] for name in COMPUTES)
     return rerun == "all" or (rerun == "failed" and before.status != OK)
 
 
@@ -179,7 +180,7 @@ def journal(output: Path, sweep: str) -> Path:
 
 
 def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
-    """Whole lines of a journal from a byte offset on, each with the offset behind it."""
+    """Whole lines of a journal from a byte offset on, each with the offset behind it; other lines are passed over."""
     if not path.is_file():
         return
     with path.open("rb") as stream:
@@ -188,11 +189,13 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
             if not line.endswith(b"\n"):
                 return
             start += len(line)
-            yield Entry(**json.loads(line)), start
+            with suppress(ValueError, TypeError):
+                yield Entry(**json.loads(line)), start
 
 
-def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
-    """What is known of an outcome before the trial runs."""
+def _blank(trial: Trial, key: str, data: str, settings: Settings) -> Outcome:
+    """What is known of an outcome before the trial runs, the digest of its data among it."""
+    environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": data}
     placement = trial.dataset.get("placement", "")
     return Outcome(
         key=key,
@@ -206,7 +209,7 @@ def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
         level=float(trial.noise["level"]),
         repeat=int(trial.noise["repeat"]),
         n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
-        sweep=sweep,
+        sweep=settings.sweep,
         parameters={
             "dataset": dict(trial.dataset),
             "method": dict(trial.method),
@@ -214,4 +217,5 @@ def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
             "noise": dict(trial.noise),
             "gaps": dict(trial.gaps),
         },
+        environment={name: value for name, value in environment.items() if value},
     )

@@ -20,7 +20,7 @@ from harness.reconstruct import reconstruct
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
-from methods.base import MethodError, Progress
+from methods.base import MethodError, Progress, stage
 from methods.registry import build_method
 
 EXPECTED = (DatasetError, MethodError, UsageError)
@@ -39,7 +39,7 @@ def work(
 
     Meanwhile ``running`` is told how far it is. What does not fit into ``memory_gb`` is not begun.
     """
-    start = time.perf_counter()
+    start, cpu = time.perf_counter(), time.process_time()
     try:
         outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, running))
         write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
@@ -54,7 +54,12 @@ def work(
             (folder / TRACEBACK).write_text(traceback.format_exc())
         status = ABSENT if isinstance(error, MissingData) else FAILED
         outcome = replace(blank, status=status, error=text[:2000])
-    outcome = replace(outcome, seconds=round(time.perf_counter() - start, 4), peak_mb=round(peak_mb(), 1))
+    outcome = replace(
+        outcome,
+        seconds=round(time.perf_counter() - start, 4),
+        cpu_seconds=round(time.process_time() - cpu, 4),
+        peak_mb=round(peak_mb(), 1),
+    )
     write_record(folder, outcome)
 
 
@@ -73,6 +78,7 @@ def compute(
     DatasetError, MethodError, UsageError
         If the scene or the method cannot be had as asked, or the method would need more memory than it may take.
     """
+    stage(progress, "scene")
     scene = load_scene(trial.dataset, data, stand_in)
     n_bodies = _n_bodies(trial, scene)
     repeat = trial.noise["repeat"]
@@ -82,6 +88,7 @@ def compute(
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
     found = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
+    stage(progress, "metrics")
     auto = n_bodies is None
     if auto and found.labels is not None:
         n_bodies = len(np.unique(found.labels))

@@ -36,6 +36,7 @@ from methods.base import (
     check_cameras,
     check_setting,
     check_word,
+    stage,
     standardise,
 )
 from methods.bmm import ShapeFit, complete_by_shape, fit_shape
@@ -221,12 +222,15 @@ class AdaptiveMultiBody(Method):
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`."""
         check_cameras(cameras, len(tracks))
-        data = standardise(complete_by_shape(tracks, cameras, visible))
+        data = standardise(complete_by_shape(tracks, cameras, visible, progress))
         check_bodies(n_bodies, tracks.shape[2], least=1)
         self._check_settings()
-        problem, state = self.adapt(data.W, cameras)
+        stage(progress, "weights")
+        problem, state = self.adapt(data.W, cameras, progress)
+        stage(progress, "structure and code")
         state, history = minimise(problem, state, self.max_iter, self.tol, visible=visible, progress=progress)
         affinity = np.abs(state.E) + np.abs(state.E.T)
+        stage(progress, "clustering")
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed),
             structure=state.S * data.scale,
@@ -235,7 +239,7 @@ class AdaptiveMultiBody(Method):
             history=history,
         )
 
-    def adapt(self, W: Array, cameras: Array) -> tuple[AdaptiveProblem, State]:
+    def adapt(self, W: Array, cameras: Array, progress: Progress | None = None) -> tuple[AdaptiveProblem, State]:
         """The problem whose weights suit centred (F, 2, P) tracks, and the state to start from."""
         F, _, P = W.shape
         Q = directions(cameras)
@@ -246,7 +250,7 @@ class AdaptiveMultiBody(Method):
         t = sigma / (sigma + self.noise)
         l1, whitening = (clean + t * (noisy - clean) for clean, noisy in (self.l1, self.whitening))
         l2 = self.nuclear * sigma * (np.sqrt(F) + np.sqrt(3 * P))
-        fit = fit_shape(W, cameras, l2)
+        fit = fit_shape(W, cameras, l2, progress=progress)
         w = (spectrum(motion) + self.floor**2) ** (-whitening / 2)
         X = whiten(Q, w, cameras @ fit.structure)
         norms = np.linalg.norm(X, axis=0)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-#: Called during long work with (iteration, iterations, residuals by name).
+#: Called during long work with (iteration, iterations, residuals by name); see :func:`stage`, too.
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
 
@@ -108,6 +108,16 @@ class Method(BaseEstimator):
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float | None:
         """Bytes that :meth:`reconstruct` is going to take at its peak, foreseen from the sizes; None if not known."""
         return None
+
+
+def stage(progress: Progress | None, name: str) -> None:
+    """Tell whoever follows what is being done now: ``structure``, ``clustering``.
+
+    A progress that has a method ``stage`` is told; a plain function hears of iterations alone.
+    """
+    tell = getattr(progress, "stage", None)
+    if tell is not None:
+        tell(name)
 
 
 def no_edges() -> NDArray[np.int64]:

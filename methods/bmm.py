@@ -19,6 +19,7 @@ from methods.base import (
     Reconstruction,
     check_cameras,
     check_setting,
+    stage,
     standardise,
 )
 from methods.gaps import fill, misfit
@@ -92,6 +93,7 @@ class BMM(Method):
             check_setting(self, "rank", 1, strict=False, whole=True)
         check_cameras(cameras, len(tracks))
         data = standardise(tracks, visible)
+        stage(progress, "structure")
         fit = fit_shape(data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
@@ -175,7 +177,7 @@ def fit_shape(
     return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
 
 
-def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None) -> Array:
+def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None = None) -> Array:
     """Tracks whose gaps hold what the structure of least nuclear norm shows there (R S = W where visible), centred.
 
     Tracks without gaps, ``visible`` None, stay as they are.
@@ -183,7 +185,9 @@ def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None) -> Ar
     if visible is None:
         return tracks
     data = standardise(tracks, visible)
-    return data.scale * fill(data.W, cameras @ fit_shape(data.W, cameras, 0.0, visible).structure, visible)
+    stage(progress, "gaps")
+    fit = fit_shape(data.W, cameras, 0.0, visible, progress=progress)
+    return data.scale * fill(data.W, cameras @ fit.structure, visible)
 
 
 def cut_rank(structure: Array, rank: int) -> Array:

@@ -31,6 +31,7 @@ from methods.base import (
     check_setting,
     check_word,
     no_edges,
+    stage,
     standardise,
 )
 from methods.bmm import complete_by_shape
@@ -129,13 +130,14 @@ class MultiBody(Method):
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`."""
         check_cameras(cameras, len(tracks))
-        data = standardise(complete_by_shape(tracks, cameras, visible))
+        data = standardise(complete_by_shape(tracks, cameras, visible, progress))
         check_bodies(n_bodies, tracks.shape[2], least=1)
         self._check_settings()
         if visible is not None and self.device is not None:
             raise MethodError("method.device does not go with gaps in the tracks; leave it out")
         problem = self._problem(data.W, cameras, no_edges() if edges is None else edges)
         state = problem.start(self.penalty)
+        stage(progress, "structure and code")
         state, history = minimise(
             problem,
             state,
@@ -148,6 +150,7 @@ class MultiBody(Method):
         )
         code = abs(to_numpy(state.E)[:, : tracks.shape[2]])
         affinity = code + code.T
+        stage(progress, "clustering")
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cheapest=self.cut == "cheapest"),
             structure=to_numpy(state.S) * data.scale,

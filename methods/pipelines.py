@@ -24,6 +24,7 @@ from methods.base import (
     check_cameras,
     check_shape,
     check_tracks,
+    stage,
     standardise,
 )
 from methods.gaps import complete, enough
@@ -63,6 +64,7 @@ class ClusterTracks(Method):
         progress: Progress | None = None,
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
+        stage(progress, "clustering" if visible is None else "gaps")
         tracks = complete(tracks, visible)
         check_tracks(tracks)
         check_bodies(n_bodies, tracks.shape[2])
@@ -71,6 +73,7 @@ class ClusterTracks(Method):
             if n_bodies is None:
                 raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
             W = principal(W, self.projection * n_bodies)
+        stage(progress, "clustering")
         labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
 
@@ -112,6 +115,7 @@ class ReconstructThenCluster(Method):
         check_shape(tracks)
         check_bodies(n_bodies, tracks.shape[2])
         structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
+        stage(progress, "clustering")
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
 
@@ -159,7 +163,9 @@ class ClusterThenReconstruct(Method):
     ) -> Reconstruction:
         """See :meth:`methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         check_cameras(cameras, len(tracks))
+        stage(progress, "clustering" if visible is None else "gaps")
         data = standardise(complete(tracks, visible))
+        stage(progress, "clustering")
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
         structure = np.empty((tracks.shape[0], 3, tracks.shape[2]))
         for label in np.unique(labels):

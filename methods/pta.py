@@ -19,6 +19,7 @@ from methods.base import (
     Reconstruction,
     check_cameras,
     check_setting,
+    stage,
     standardise,
 )
 
@@ -53,6 +54,7 @@ class PTA(Method):
         check_cameras(cameras, len(data.W))
         if self.rank > len(data.W):
             raise MethodError(f"PTA: rank is {self.rank}, but {len(data.W)} frames have as many vectors; lower it")
+        stage(progress, "structure")
         S = fit_trajectories(data.W, cameras, self.rank, visible)
         S -= S.mean(axis=2, keepdims=True)  # where there are no gaps it is centred already
         return Reconstruction(structure=S * data.scale, cameras=cameras)

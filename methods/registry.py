@@ -54,7 +54,7 @@ def algorithm(name: object) -> type[BaseEstimator]:
     if name in ALGORITHMS:
         return ALGORITHMS[str(name)]
     word = str(name)
-    if word.isidentifier() and find_spec(f"methods.{word}") and (own := _of_module(word)):
+    if own := _of_module(word):
         return own
     theirs = others()
     if name not in theirs:  # it may have come since
@@ -65,8 +65,18 @@ def algorithm(name: object) -> type[BaseEstimator]:
     return _of_package(theirs[word])
 
 
+def provider(name: object) -> EntryPoint | None:
+    """The entry point of the installed package that brings an algorithm; None for one of ours, or for none.
+
+    Raises MethodError if a module of ours has the name and cannot be imported.
+    """
+    return None if name in ALGORITHMS or _of_module(str(name)) else others().get(str(name))
+
+
 def _of_module(name: str) -> type[BaseEstimator] | None:
-    """The one public estimator that ``methods/NAME.py`` defines; None if it defines none."""
+    """The one public estimator that ``methods/NAME.py`` defines; None if it defines none, or is not there."""
+    if not (name.isidentifier() and find_spec(f"methods.{name}")):
+        return None
     try:
         module = import_module(f"methods.{name}")
     except Exception as error:

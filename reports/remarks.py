@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from harness.record import ABSENT, Trial
+from harness.environment import COMPUTES, MACHINE, STATE
+from harness.record import ABSENT, OK, Outcome, Trial
 from reports.design import DISTANCES, Layout, Metric
 from reports.grid import Grid
 from reports.model import Column, Note, Row
@@ -44,12 +46,34 @@ def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...]
             "The rows are not all measured under one setting; each names its own.",
             loud=bool(design.source) and not design.study,
         )
+    yield from _environments({outcome.key: outcome for outcome in runs if outcome.status == OK})
     alike: dict[str, list[str]] = {}
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
         if said := _differing([(row.label, _flat(t.method)) for row, t in _asked(rows, answers, method)]):
             alike.setdefault("; ".join(said), []).append(label)
     for settings, labels in alike.items():
         yield Note(f"{'; '.join(labels)}: NOT ONE SETTING FOR ALL ROWS: {settings}.", loud=True)
+
+
+def _environments(runs: Mapping[str, Outcome]) -> Iterator[Note]:
+    """What of their environments runs differ in; what a record does not say is no difference."""
+    held: dict[str, Counter[str]] = {}
+    for outcome in runs.values():
+        said = dict(outcome.environment)
+        for package in filter(None, said.pop("packages", "").split(", ")):  # each column has its own
+            name, _, rest = package.partition(" ")
+            said[f"package {name}"] = rest
+        for name, value in said.items():
+            if name in (*MACHINE, *COMPUTES, *STATE) or name.startswith("package "):
+                held.setdefault(name, Counter())[one_line(value[:12] if name == "commit" else value, 60)] += 1
+    differ = {one_line(name, 60): values for name, values in held.items() if len(values) > 1}
+    if differ:
+        words = (f"{k} = {' | '.join(f'{v} ({n})' for v, n in c.items())}" for k, c in differ.items())
+        yield Note(
+            f"Not all runs are of one environment: {'; '.join(words)}. Times and memory compare within one alone; "
+            "'harness run rerun=stale' repeats what other code or libraries computed.",
+            loud=bool(differ.keys() - set(STATE)),
+        )
 
 
 def _settings(answers: Grid) -> Iterator[Note]:

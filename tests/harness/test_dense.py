@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from rich.console import Console
 
 from harness import storage
 from harness.answers import answers
 from harness.experiments import Settings, expand
-from harness.follow import Follower
 from harness.metrics import affinity_between
-from harness.plan import plan
-from harness.running import Reporter, place, steps
+from harness.planning import plan
+from harness.running import Reporter, forget, place, steps
 from harness.tracking import Tracker
 from harness.trial import execute
 from reports.tables import build
@@ -53,10 +50,10 @@ def test_what_does_not_fit_is_refused_with_the_remedy(settings: Settings, monkey
     assert "8000 tracks over 10 frames need about 5" in outcome.error and "dataset.points" in outcome.error
     assert outcome.peak_mb is not None and outcome.peak_mb < 500, "nothing was taken"
     monkeypatch.setenv("HARNESS_OUTPUT", str(own.output / "elsewhere"))
-    [dense] = plan([*words, "limits.memory_gb=1"])[0]
+    [dense] = plan([*words, "limits.memory_gb=1"]).trials
     assert dense.state == "cannot run" and "limits.memory_gb is 1" in dense.reason
-    [implicit] = plan([*words[:-1], "limits.memory_gb=1"])[0]
-    assert implicit.state == "missing" and implicit.foreseen_gb is not None and implicit.foreseen_gb < 1
+    [implicit] = plan([*words[:-1], "limits.memory_gb=1"]).trials
+    assert implicit.state == "missing" and implicit.memory_mb is not None and implicit.memory_mb < 1024
 
 
 def test_rows_of_table4_without_data_are_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,15 +77,14 @@ def test_rows_of_table4_without_data_are_absent(tmp_path: Path, monkeypatch: pyt
 def test_one_sees_how_far_a_trial_is(settings: Settings) -> None:
     path = place(settings.output, "s", "k1")
     assert path is not None and place(settings.output, "", "k1") is None
-    Reporter("dense [ours]", path)(7, 250, {"shape": 0.0123, "code": 2e-5})
+    report = Reporter("dense [ours]", path)
+    report.stage("structure")
+    [(_, step)] = steps(settings.output, "s")
+    assert step.words == "structure"  # at once: it may be long
+    report(7, 250, {"shape": 0.0123, "code": 2e-5})
+    report(8, 250, {"shape": 0.1, "code": 0.1})  # a moment later: not worth a file
     [(key, step)] = steps(settings.output, "s")
-    assert key == "k1" and (step.iteration, step.iterations) == (7, 250)
-    assert step.words == "dense [ours]: shape 1e-02, code 2e-05"
-    follower = Follower(settings, {"k1": "dense [ours]"}, ())
-    follower._console = Console(file=io.StringIO(), force_terminal=True)
-    follower._show()
-    bar = follower._progress.tasks[-1]
-    assert (bar.completed, bar.total) == (7, 250) and "shape 1e-02" in bar.description
-    path.unlink()
-    follower._show()
-    assert len(follower._progress.tasks) == 1
+    assert (key, step.title) == ("k1", "dense [ours]")
+    assert step.words == "structure 7/250: shape 1e-02, code 2e-05"
+    forget(path)
+    assert list(steps(settings.output, "s")) == list(path.parent.iterdir()) == []

@@ -11,8 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from methods.registry import others
-from tests.harness.conftest import ROOT, TINY, Shell
+from datasets import registry as datasets
+from harness.environment import environment
+from harness.experiments import expand
+from harness.packages import described, packages_of
+from harness.record import Outcome
+from harness.trial import repeats
+from methods import registry as methods
+from tests.harness.conftest import ROOT, TINY, Shell, records
 
 EXAMPLE = ROOT / "examples/nrsfm-example"
 
@@ -40,7 +46,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     root = tmp_path / "site"
     root.mkdir()
     monkeypatch.syspath_prepend(str(root))
-    others.cache_clear()
+    methods.others.cache_clear()
+    datasets.others.cache_clear()
 
     def make(code: str, declared: str, **files: str) -> str:
         name = f"theirs_{next(NUMBERS)}"
@@ -188,3 +195,38 @@ def test_a_forecast_that_fails_is_one_line(harness: Shell, package: Make) -> Non
     planned = harness("plan", "method=halves", *TINY[:2])
     assert planned.returncode == 2
     assert "Halves.memory ended with OSError" in planned.stdout
+
+
+def test_records_tell_which_package_they_are_from(harness: Shell, package: Make, tmp_path: Path) -> None:
+    """Two methods of two packages, one of ours: each record names its own package, and no other."""
+    names = [package(GOOD, METHOD.replace("halves", f"halves_{i}")) for i in range(2)]
+    algorithms = "method.algorithm=halves_0,halves_1"
+    done = harness("run", "-m", *TINY, "~method.clusterer", algorithms)
+    assert done.returncode == 0, done.stdout
+    assert harness("run", *TINY).returncode == 0
+    found = {r["parameters"]["method"]["algorithm"]: r["environment"] for r in records(tmp_path).values()}
+    digests = set()
+    for i, name in enumerate(names):
+        package_, version, digest = found[f"halves_{i}"]["packages"].split()
+        assert (package_, version) == (name, "1.0")
+        digests.add(digest)
+    assert len(digests) == 1  # of the source alone: both have the same
+    assert "packages" not in found["cluster_tracks"]
+
+
+def test_a_packages_edited_source_makes_its_records_stale(package: Make, tmp_path: Path) -> None:
+    """Though its version was not raised; records of ours are not touched by it."""
+    name = package(GOOD, METHOD, **{"inner/deep.py": "x = 1\n"})
+    ours, theirs = (expand([*TINY, *words])[0] for words in ([], ["~method.clusterer", "method.algorithm=halves"]))
+    before = [
+        Outcome(
+            "k", "s", "ok", "d", "m", "", "", "", 0, 0, environment={**environment(), "packages": packages_of(trial)}
+        )
+        for trial, _ in (ours, theirs)
+    ]
+    for edited in (False, True):
+        if edited:
+            (tmp_path / "site" / name / "inner/deep.py").write_text("x = 2\n")
+            described.cache_clear()  # as by a new process
+        stale = [repeats(b, trial, "stale") for b, (trial, _) in zip(before, (ours, theirs), strict=True)]
+        assert stale == [False, edited]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import signal
 import subprocess
+import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +27,7 @@ def act(how: str, path: str) -> None:
         print("spoken")
         os.system("echo shouted >&2")
     if how == "child":
-        child = subprocess.Popen(["sleep", "600"])
+        child = subprocess.Popen(["sleep", "600"], process_group=0)
         Path(path).write_text(str(child.pid))
         time.sleep(600)
     if how == "segfault":
@@ -34,6 +38,22 @@ def act(how: str, path: str) -> None:
         raise RuntimeError("no")
     if how == "memory":
         np.ones(2**29)
+    if how == "family":  # four of half a GB each
+        forked = [os.fork() == 0 for _ in range(2)]
+        held = np.ones(2**26)
+        time.sleep(60)
+        print(forked, held[0])
+    if how == "heirs":  # four of one half GB
+        held = np.ones(2**26)
+        forked = [os.fork() == 0 for _ in range(2)]
+        assert held.sum() == 2**26
+        time.sleep(3)
+        if any(forked):
+            os._exit(0)
+    if how == "shared":
+        held = np.frombuffer(mmap.mmap(-1, 5 * 2**28), np.uint8)
+        held[:] = 1
+        time.sleep(60)
     if how == "threads":
         from threadpoolctl import threadpool_info
 
@@ -61,6 +81,16 @@ def test_endings(tmp_path: Path, how: str, status: str, word: str) -> None:
     assert word in ended.detail
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell what processes hold")
+@pytest.mark.parametrize(("how", "status"), [("family", OOM), ("shared", OOM), ("heirs", OK)])
+def test_memory_of_a_trial_and_its_own_processes_counts_together(tmp_path: Path, how: str, status: str) -> None:
+    start = time.monotonic()
+    ended = isolated(how, tmp_path / "file", memory_gb=1.2)
+    assert ended.status == status
+    assert "more than 1.2 GB together" in ended.detail or status == OK
+    assert time.monotonic() - start < 30
+
+
 def test_time_limit_ends_descendants_too(tmp_path: Path) -> None:
     path = tmp_path / "file"
     start = time.monotonic()
@@ -86,6 +116,22 @@ def test_output_goes_to_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str
 def test_blas_threads_are_capped(tmp_path: Path) -> None:
     assert isolated("threads", tmp_path / "file").status == OK
     assert (tmp_path / "file").read_text() == "{1}"
+
+
+def test_killed_server_is_started_again(tmp_path: Path) -> None:
+    """Whether it is killed before a process is asked for, while that starts, or after."""
+
+    def kill() -> None:
+        if pid := forkserver._forkserver._forkserver_pid:
+            os.kill(pid, signal.SIGKILL)
+
+    for seconds in (0, 0.005, 0.02, 0.05):
+        assert isolated("write", tmp_path / "file").status == OK
+        killer = threading.Timer(seconds, kill)
+        killer.start()
+        ended = isolated("write", tmp_path / "file")
+        assert ended.status == OK or "lost with the server" in ended.detail
+        killer.join()
 
 
 def test_many_at_once_each_end_as_they_ended(tmp_path: Path) -> None:

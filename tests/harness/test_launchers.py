@@ -6,7 +6,10 @@ import importlib.util
 import os
 import random
 import signal
+import sqlite3
 import time
+from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -122,6 +125,32 @@ def _title(pid: int) -> str:
     return "" if "ray::" in title and "Agent" not in title else title
 
 
+KINDS = ("sweep", "writer", "server", "trial", "worker")
+
+
+def _kinds(tmp_path: Path, sweep: int) -> dict[str, list[int]]:
+    """The processes of a sweep by what they are: trials lead a session of their own, the tracker's writer does not."""
+    found: dict[str, list[int]] = {kind: [] for kind in KINDS}
+    parents, lines = {}, {}
+    for pid in processes(tmp_path):
+        try:
+            parents[pid] = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+            lines[pid] = Path(f"/proc/{pid}/cmdline").read_text()
+            leads = os.getsid(pid) == pid
+        except OSError:
+            continue
+        if pid == sweep:
+            kind = "sweep"
+        elif "forkserver" not in lines[pid]:
+            kind = "worker"  # of a launcher, or what it keeps beside it
+        elif "forkserver" not in lines.get(parents[pid], ""):
+            kind = "server"
+        else:
+            kind = "trial" if leads else "writer"
+        found[kind].append(pid)
+    return found
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("launcher", ["basic", "joblib", "submitit_local"])
@@ -130,22 +159,34 @@ def test_fifty_kills_at_random_moments(
 ) -> None:
     """kill -9 of any process of the sweep at any moment, from the first import to the last line in the store."""
     rng = random.Random(launcher)
-    total, kills = 0, 0
-    while kills < 50:
-        total += 4
+    total, length = 0, 6.0
+    killed: Counter[str] = Counter()
+    while killed.total() < 50:
+        total += 10
         words = ("run", "-m", *ODD, "+method.how=ok", "noise.level=0.01", f"noise.repeat=range({total})", "workers=2")
         words = (*words, f"hydra/launcher={launcher}")
+        begun = time.monotonic()
         sweep = started(environment, tmp_path, *words)
-        time.sleep(rng.uniform(0.2, 6.0))
-        alive = [pid for pid in processes(tmp_path) if Path(f"/proc/{pid}").exists()]
-        if alive and sweep.poll() is None:
+        time.sleep(rng.uniform(0.2, length))
+        kind = rng.choice(KINDS)
+        end = time.monotonic() + 1.0  # a trial lives for a moment
+        while sweep.poll() is None and not (victims := _kinds(tmp_path, sweep.pid)[kind]) and time.monotonic() < end:
+            time.sleep(0.005)
+        if sweep.poll() is None and victims:
             try:
-                os.kill(sweep.pid if rng.random() < 0.5 else rng.choice(alive), signal.SIGKILL)
-                kills += 1
+                os.kill(rng.choice(victims), signal.SIGKILL)
+                killed[kind] += 1
             except ProcessLookupError:
                 pass
-        sweep.communicate(timeout=120)
+        out, err = sweep.communicate(timeout=120)
+        assert "Traceback" not in err, err
+        if sweep.returncode == 0:
+            length = time.monotonic() - begun
+            assert len(records(tmp_path)) == total, out
         until(lambda: not processes(tmp_path), 30)
+        if (tmp_path / "out/mlflow.db").exists():
+            with closing(sqlite3.connect(tmp_path / "out/mlflow.db")) as db:
+                assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         before = {key: r["finished"] for key, r in records(tmp_path).items()}
         again = shell(*words)
         assert again.returncode == 0, again.stderr
@@ -153,5 +194,8 @@ def test_fifty_kills_at_random_moments(
         assert f"{total} trials: {ran}" in again.stdout, again.stdout
         after = records(tmp_path)
         assert {key: after[key]["finished"] for key in before} == before
+        assert {r["status"] for r in after.values()} == {"ok"}
         assert sorted(t.outcome.key for t in tracked(tmp_path)) == sorted(after)
         assert len(after) == total
+    print(f"killed: {dict(killed)}")
+    assert killed.keys() >= {"sweep", "writer", "server", "trial"}

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from harness.tracking import Tracker
-from tests.harness.conftest import ODD, TINY, Shell, records, tracked
+from tests.harness.conftest import ODD, TINY, Shell, processes, records, tracked, until
 
 
 def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> None:
@@ -132,6 +132,37 @@ def test_sweep_stops_at_its_limit_and_goes_on_later(shell: Shell, tmp_path: Path
     assert (again.returncode, f"{6 - n} run, {n} done before" in again.stdout) == (0, True)
 
 
+def test_killed_trials_are_tried_again(shell: Shell, tmp_path: Path) -> None:
+    """By workers side by side: so often as asked, and told once."""
+    words = ("run", "-m", *ODD, "+method.how=tire,revive,raise,ok", "noise.level=0.01", "workers=2", "retries=2")
+    done = shell(*words)
+    assert "4 trials: 4 run, 1 crashed, 1 failed" in done.stdout, done.stdout
+    found = {r["parameters"]["method"]["how"]: r["status"] for r in records(tmp_path).values()}
+    assert found == {"tire": "crashed", "revive": "ok", "raise": "failed", "ok": "ok"}
+    tries = {how: (tmp_path / "out" / how).stat().st_size for how in ("tire", "revive")}
+    assert tries == {"tire": 3, "revive": 3}  # the first, and two more
+    told = [line for line in done.stderr.splitlines() if line.startswith("[")]
+    assert len(told) == 4
+    again = shell(*words, "rerun=failed", "retries=0")
+    assert "2 run, 2 done before, 1 crashed, 1 failed" in again.stdout
+    assert (tmp_path / "out/tire").stat().st_size == 4
+
+
+def test_a_limit_ends_the_trials_at_work(shell: Shell, tmp_path: Path) -> None:
+    """They leave no record and no process, and none begins any more."""
+    start = time.monotonic()
+    done = shell(
+        "run", "-m", *ODD, "+method.how=hang", "noise.level=0.01", "noise.repeat=range(5)", "workers=2",
+        "limits.sweep_seconds=3",
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "its 3 s are over; start it again to run the rest" in done.stderr
+    assert "5 trials: nothing to run, 5 not reached" in done.stdout
+    assert records(tmp_path) == {}
+    assert time.monotonic() - start < 120
+    until(lambda: not processes(tmp_path), 30)
+
+
 def test_stale_records_are_renewed_when_asked(harness: Shell, tmp_path: Path) -> None:
     words = ("run", "-m", *TINY, "noise.level=0,0.02")
     assert harness(*words).returncode == 0
@@ -142,6 +173,19 @@ def test_stale_records_are_renewed_when_asked(harness: Shell, tmp_path: Path) ->
     assert "nothing to run, 2 done before" in harness(*words).stdout
     assert "1 run, 1 done before" in harness(*words, "rerun=stale").stdout
     assert "nothing to run, 2 done before" in harness(*words, "rerun=stale").stdout
+
+
+def test_records_of_a_clock_ahead_are_renewed_like_any_other(harness: Shell, tmp_path: Path) -> None:
+    """What is new is told by what the sweep found, not by clocks, which differ from machine to machine."""
+    words = ("run", "-m", *TINY, "noise.level=0,0.02")
+    assert harness(*words).returncode == 0
+    path = sorted((tmp_path / "out/trials").glob("*/result.json"))[0]
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"finished": "2999-01-01T00:00:00.000+00:00"}))
+    assert "2 trials: 2 run." in harness(*words, "rerun=all").stdout
+    assert all(r["finished"] < "2999" for r in records(tmp_path).values())
+    assert sorted(t.outcome.finished for t in tracked(tmp_path)) == sorted(
+        r["finished"] for r in records(tmp_path).values()
+    )
 
 
 @pytest.mark.parametrize("turn", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 20))])

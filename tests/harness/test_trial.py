@@ -13,8 +13,9 @@ from omegaconf import OmegaConf
 
 from datasets.hopkins import SCENES
 from datasets.registry import load_scene
-from harness import reconstruct, storage
-from harness.experiments import Settings, compose_config, compose_jobs, expand, spanned
+from harness import reconstruct, storage, worker
+from harness.experiments import Settings, compose_config, expand, spanned
+from harness.jobs import compose_jobs, plain_jobs, resolved
 from harness.record import Outcome, Trial, UsageError, digest
 from harness.trial import execute, identify
 from methods.base import MethodError
@@ -83,6 +84,29 @@ def test_key_follows_the_version_of_the_method(
     assert identify(trial, settings)[0] != key
 
 
+def test_a_trial_tells_what_it_is_at(settings: Settings) -> None:
+    """Whatever its method tells itself: while the scene is made, its cameras are estimated, its errors measured."""
+
+    class Listener:
+        def __init__(self) -> None:
+            self.stages: list[str] = []
+
+        def stage(self, name: str) -> None:
+            self.stages.append(name)
+
+        def __call__(self, *iteration: object) -> None:
+            pass
+
+    for cameras in ("known", "estimated"):
+        words = ["dataset.points=8", "dataset.frames=12", "method=bmm_ssc3d", f"cameras={cameras}"]
+        ((trial, _),) = expand(words)
+        listener = Listener()
+        blank = Outcome("k", "s", "failed", "d", "m", cameras, "", "", 0.0, 0)
+        worker.compute(trial, blank, settings.data, False, progress=listener)
+        own = ["method", "structure", "clustering", "metrics"]
+        assert listener.stages == ["scene", *(["cameras"] if cameras == "estimated" else []), *own]
+
+
 def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> None:
     outcome, _ = execute(trial, settings)
     path = settings.trials / outcome.key / storage.RESULT
@@ -147,13 +171,32 @@ def test_hopkins155_asks_for_every_scene() -> None:
         ["dataset.name='a b'", "n_bodies=2,3", "cameras=known,estimated"],
         ["method=ours", "method.l1=${noise.level}", "noise.level=0,0.5"],
         ["noise.level=0.1,0.2", "noise={level: 0.5}"],
+        ["dataset=mocap_body", "dataset.body=drink,yoga", "method=bmm,pta"],
+        ["output=a,b", "noise.level=0,0.1"],
+        ["dataset.points=8,9", "method.l1='0.5',0.25", "limits.seconds=5,null", "dataset.placement=paper,[1,2,3]"],
     ],
 )
 def test_configurations_are_those_of_hydra(words: list[str]) -> None:
     """Composed together or one by one, with every interpolation as it stands."""
     jobs = spanned(words)
     together = [OmegaConf.to_container(cfg) for cfg in compose_jobs(jobs)]
-    assert together == [OmegaConf.to_container(compose_config(job)) for job in jobs]
+    apart = [compose_config(job) for job in jobs]
+    assert together == [OmegaConf.to_container(cfg) for cfg in apart]
+    assert list(plain_jobs(jobs)) == list(map(resolved, apart))
+
+
+def test_a_value_that_is_missing_is_asked_for_by_its_key() -> None:
+    """Jobs that give it are put together, one that does not is refused as by itself."""
+    given = ["method=edsc", "dataset=tracks", "dataset.file=a.npz"]
+    jobs = [[*given, "noise.level=0"], [*given, "noise.level=0.5"], given[:2]]
+    found = plain_jobs(jobs)
+    assert [next(found)["noise"]["level"] for _ in range(2)] == [0, 0.5]
+    with pytest.raises(UsageError) as alone:
+        resolved(compose_config(jobs[2]))
+    with pytest.raises(UsageError) as together:
+        next(found)
+    assert str(together.value) == str(alone.value)
+    assert "dataset.file" in str(alone.value)
 
 
 @pytest.mark.parametrize("job", [["noise.laut=1"], ["dataset.scene=arm"], ["method=none"], ["noise.level"]])

@@ -55,7 +55,7 @@ def make_trial(dataset: str, method: str, *, level: float = 0.0, repeat: int = 0
 
 
 def make_answer(dataset: str, method: str, n_wrong: int | None = 0, **more: Any) -> tuple[Trial, Tracked]:
-    """A finished run; the metrics, ``status``, ``error``, ``stand_in``, ``n_points`` change it."""
+    """A finished run; the metrics, ``status``, ``error``, ``stand_in``, ``n_points``, ``environment`` change it."""
     asked = {k: more[k] for k in ("level", "repeat", "parameters", "cameras", "scene", "n_bodies") if k in more}
     trial = make_trial(dataset, method, **asked)
     points = more.get("n_points", POINTS.get(dataset, 80))
@@ -77,6 +77,7 @@ def make_answer(dataset: str, method: str, n_wrong: int | None = 0, **more: Any)
         n_points=points if status == "ok" else None,
         metrics=metrics if status == "ok" else {},
         error=more.get("error", ""),
+        environment=more.get("environment", {}),
     )
     return trial, Tracked(outcome, more.get("run_id", f"run-{outcome.key[:6]}"), more.get("uri", ""))
 

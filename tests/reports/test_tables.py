@@ -374,6 +374,42 @@ class TestNotes:
         (loud,) = build("table1", answers).loud
         assert loud == "Ours: NOT ONE SETTING FOR ALL ROWS: inner.l1 = 0.003 (Dance+Yoga) | 0.01 (Face+Yoga)."
 
+    def test_runs_of_one_environment_need_no_word(self, answer):
+        same = {"processor": "A", "numpy": "2.0", "threads": "1", "code": "c", "data": "x"}
+        answers = [
+            answer("dance_yoga", "ours", 0, environment=same),
+            answer("face_yoga", "ours", 0, environment=same | {"data": "y", "packages": "theirs 1 ab"}),
+            answer("shark_yoga", "ours", 0, environment={}),  # of a record that says nothing
+            answer("face_pickup", "ours", 0, status="failed", environment=same | {"processor": "B"}),
+        ]
+        assert not [n.text for n in build("table1", answers).notes if "environment" in n.text]
+
+    @pytest.mark.parametrize(
+        ("other", "said", "loud"),
+        [
+            ({"processor": "B"}, "processor = A (2) | B (1)", True),
+            ({"threads": "2"}, "threads = 1 (2) | 2 (1)", True),
+            ({"numpy": "2.1"}, "numpy = 2.0 (2) | 2.1 (1)", True),
+            ({"packages": "theirs 1 cd"}, "package theirs = 1 ab (2) | 1 cd (1)", True),
+            (
+                {"code": "d", "commit": "f" * 40},
+                f"code = c (2) | d (1); commit = {'e' * 12} (2) | {'f' * 12} (1)",
+                False,
+            ),
+        ],
+    )
+    def test_runs_of_several_environments_are_told_with_what_differs(self, answer, other, said, loud):
+        same = {"processor": "A", "numpy": "2.0", "threads": "1", "code": "c", "commit": "e" * 40}
+        same |= {"packages": "theirs 1 ab"}
+        answers = [
+            answer(d, "ours", 0, environment=e)
+            for d, e in (("dance_yoga", same), ("face_yoga", same), ("shark_yoga", same | other))
+        ]
+        table = build("table1", answers)
+        (note,) = [note for note in table.notes if "environment" in note.text]
+        assert f"of one environment: {said}. Times and memory compare within one alone" in note.text
+        assert note.loud == loud
+
     def test_links_are_for_servers_alone_and_carry_no_password(self, answer):
         uris = {
             "dance_yoga": "https://me:secret@host:5000/mlflow/",

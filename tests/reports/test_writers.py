@@ -142,6 +142,13 @@ class TestEveryFormat:
         else:
             assert ",true," in text
 
+    @pytest.mark.parametrize(("name", "loud"), [("processor", True), ("code", False)])
+    def test_mixed_environments_are_told(self, ending, name, loud, answer):
+        """By every writer; numbers alone go into the CSV, and the paper's table says what changes its numbers."""
+        runs = [answer(d, "ours", 0, environment={name: d[:5]}) for d in ("dance_yoga", "face_yoga")]
+        told = "not all runs are of one environment" in writers.FORMATS[ending](build("table1", runs)).lower()
+        assert told == (ending != ".csv" and (loud or ending != "_paper.tex"))
+
     def test_measured_numbers_are_there(self, ending, mixed):
         assert "0.0360" in writers.FORMATS[ending](mixed) or "0.036" in writers.FORMATS[ending](mixed)
 
@@ -279,6 +286,11 @@ class TestConsole:
             assert "\x1b" not in text
             assert max(len(line) for line in text.splitlines()) <= 120
             assert table.title in text
+
+    def test_mixed_machines_are_told_above_the_table(self, answer):
+        runs = [answer(d, "ours", 0, environment={"processor": d}) for d in ("dance_yoga", "face_yoga")]
+        text = " ".join(self.text(build("table1", runs)).split())
+        assert "! Not all runs are of one environment: processor = dance_yoga (1) | face_yoga (1)." in text
 
     def test_colour_in_a_terminal(self, table2_answers):
         assert "\x1b[" in self.text(

@@ -1,0 +1,124 @@
+"""Where the time of a trial goes whose method returns at once, part by part, in milliseconds of one core.
+
+    pytest tests/benchmarks/test_trial_cost.py --override-ini addopts= --no-header -q
+
+prints the table that docs and README quote; tests/benchmarks/test_sweep_overhead.py times whole sweeps.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filelock import FileLock
+from rich.console import Console
+from rich.table import Table
+
+from harness import storage
+from harness.experiments import Settings, expand
+from harness.isolation import run_isolated
+from harness.record import Trial
+from harness.tracking import Tracker
+from harness.trial import Entry, execute, identify, note
+from harness.worker import compute
+from tests.harness.conftest import ODD, ROOT, naughty_package  # noqa: F401
+
+TRIALS = 200
+PARTS = {
+    "composition": "configuration of the sweep into trials",
+    "identity": "digest of the data, version of the method, key, record asked for",
+    "process": "a process forked, limited, awaited, its group ended",
+    "computation": "scene, method that returns at once, all metrics",
+    "record": "arrays and record, each synced to disk",
+    "lock and journal": "the trial's lock, a line for whoever follows",
+    "tracker": "one MLflow run: parameters, metrics, tags, four artifacts",
+}
+
+
+@pytest.fixture
+def sweep(
+    tmp_path: Path,
+    naughty_package: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> list[tuple[Trial, Settings]]:
+    monkeypatch.syspath_prepend(naughty_package)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(naughty_package), str(ROOT)]))
+    monkeypatch.setenv("HARNESS_OUTPUT", str(tmp_path / "out"))
+    monkeypatch.setenv("NRSFM_DATA", str(tmp_path / "no-data"))
+    return expand(_words(TRIALS))
+
+
+def test_where_the_time_of_a_trial_goes(
+    sweep: list[tuple[Trial, Settings]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cost = dict.fromkeys(PARTS, 0.0)
+    trials, (first, settings) = [trial for trial, _ in sweep], sweep[0]
+    settings = replace(settings, sweep="cost")
+    cost["composition"] = min(_milliseconds(lambda: expand(_words(TRIALS))) for _ in range(3)) / TRIALS
+    outcome, _ = execute(first, settings)  # the server starts once
+    store = Tracker(settings.tracking_uri, settings.output)
+    store.log(outcome, settings.trials / outcome.key)
+
+    def each(what: Callable[[int], object]) -> float:
+        return min(_milliseconds(lambda i=i: what(i)) for i in range(1, TRIALS, 4))
+
+    def identity(i: int) -> None:
+        storage.read_record(settings.trials / identify(trials[i], settings)[0])
+
+    def process(_: int) -> None:
+        ended = run_isolated("os:getpid", (), seconds=60, memory_gb=8, threads=1, log=tmp_path / "log")
+        assert ended.status == "ok"
+
+    blanks = {i: replace(outcome, key=f"{i:016}") for i in range(1, TRIALS, 4)}
+    made = {i: compute(trials[i], blank, tmp_path, False) for i, blank in blanks.items()}
+
+    def record(i: int) -> None:
+        outcome, arrays = made[i]
+        folder = settings.trials / outcome.key
+        storage.write_atomically(folder / storage.ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
+        storage.write_record(folder, outcome)
+
+    def lock_and_journal(i: int) -> None:
+        with FileLock(settings.trials / f"{i:016}" / ".lock"):
+            note(settings, Entry(f"{i:016}", trials[i].title, "ok", True))
+
+    def tracker(i: int) -> None:
+        folder = settings.trials / f"{i:016}"
+        written = storage.read_record(folder)
+        assert written is not None
+        store.log(written, folder)
+
+    cost["identity"] = each(identity)
+    cost["process"] = each(process)
+    cost["computation"] = each(lambda i: compute(trials[i], blanks[i], tmp_path, False))
+    cost["record"] = each(record)
+    cost["lock and journal"] = each(lock_and_journal)
+    cost["tracker"] = each(tracker)
+
+    table = Table("part", "what it is", "ms a trial", title="What a trial costs beside its method")
+    for part, words in PARTS.items():
+        table.add_row(part, words, f"{cost[part]:.1f}")
+    table.add_row("all", "", f"{sum(cost.values()):.1f}")
+    with capsys.disabled():
+        console = Console(width=110)
+        console.print()
+        console.print(table)
+        load = os.getloadavg()[0]
+        console.print(f"least of {len(made)} trials each, {os.cpu_count()} cores, load {load:.1f}", highlight=False)
+    assert len(store.outcomes()) == len(made) + 1
+    assert all(value > 0 for value in cost.values())
+
+
+def _words(n_trials: int) -> list[str]:
+    return [*ODD, "+method.how=ok", "noise.level=0.01", f"noise.repeat=range({n_trials})"]
+
+
+def _milliseconds(what: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    what()
+    return 1000 * (time.perf_counter() - start)

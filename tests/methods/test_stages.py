@@ -1,0 +1,69 @@
+"""Every method says what it is at while it works."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from datasets.scene import Scene
+from harness.experiments import expand
+from methods.base import stage
+from methods.registry import build_method
+
+
+class Listener:
+    """Keeps the stages, and in which of them iterations were told."""
+
+    def __init__(self) -> None:
+        self.stages: list[str] = []
+        self.counted: set[str] = set()
+
+    def stage(self, name: str) -> None:
+        if [name] != self.stages[-1:]:
+            self.stages.append(name)
+
+    def __call__(self, iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
+        assert 1 <= iteration <= iterations
+        assert residuals and all(np.isfinite(value) for value in residuals.values())
+        self.counted.add(self.stages[-1])
+
+
+WAYS = {
+    "ours": (["weights", "structure and code", "clustering"], {"weights", "structure and code"}),
+    "ours_printed": (["structure and code", "clustering"], {"structure and code"}),
+    "bmm": (["structure"], {"structure"}),
+    "pta": (["structure"], set()),
+    "ssc2d": (["clustering"], set()),
+    "edsc": (["clustering"], set()),
+    "omp2d": (["clustering"], set()),
+    "lrr2d": (["clustering"], set()),
+    "bmm_ssc3d": (["structure", "clustering"], {"structure"}),
+    "ssc2d_bmm": (["clustering", "structure"], {"structure"}),
+}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_every_method_tells_its_stages(name: str, small_scene: Scene) -> None:
+    ((trial, _),) = expand([f"method={name}"])
+    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
+    listener = Listener()
+    n_bodies = 1 if name in ("bmm", "pta") else 2
+    method.reconstruct(small_scene.tracks, small_scene.cameras, n_bodies, progress=listener)
+    assert (listener.stages, listener.counted) == WAYS[name]
+
+
+@pytest.mark.parametrize("name", ["ours", "ours_printed", "ssc2d"])
+def test_gaps_are_a_stage(name: str, small_scene: Scene) -> None:
+    ((trial, _),) = expand([f"method={name}"])
+    method = build_method({k: v for k, v in trial.method.items() if k != "name"})
+    scene = small_scene.with_gaps(kind="random", share=0.1, repeat=0)
+    listener = Listener()
+    method.reconstruct(scene.tracks, scene.cameras, 2, visible=scene.visible, progress=listener)
+    assert listener.stages[0] == "gaps"
+
+
+def test_a_plain_function_hears_of_iterations_alone() -> None:
+    stage(lambda iteration, iterations, residuals: None, "structure")
+    stage(None, "structure")
