@@ -50,12 +50,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
         return 3
     from datasets.body import DatasetError
+    from harness.address import shown
     from harness.record import UsageError
 
     try:
         return VERBS[verb](rest)
     except UsageError as error:
-        print(f"harness {verb}: {error}", file=sys.stderr)
+        print(f"harness {verb}: {shown(str(error))}", file=sys.stderr)
         return 3
     except DatasetError as error:
         print(f"harness {verb}: {error}", file=sys.stderr)
@@ -129,8 +130,9 @@ def _sync(argv: list[str]) -> int:
     from harness.tracking import Tracker
 
     settings = _settings(parser.read(argv).overrides)
-    written = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
-    print(f"{written} run{'' if written == 1 else 's'} written to {settings.tracking_uri}")
+    tracker = Tracker(settings.tracking_uri, settings.output)
+    written = tracker.sync(settings.trials)
+    print(f"{written} run{'' if written == 1 else 's'} written to {tracker.uri}")
     return 0
 
 
@@ -142,16 +144,18 @@ def _ui(argv: list[str]) -> int:
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("overrides", nargs="*", help="such as output=...")
     given = parser.read(argv)
+    from harness.address import is_server
     from harness.tracking import Tracker
 
     settings = _settings(given.overrides)
-    if settings.tracking_uri.startswith(("http://", "https://")):
-        print(settings.tracking_uri)
+    tracker = Tracker(settings.tracking_uri, settings.output)
+    if is_server(tracker.uri):
+        print(tracker.uri)
         return 0
-    _ = Tracker(settings.tracking_uri, settings.output).client
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", settings.tracking_uri]
+    _ = tracker.client
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", tracker.uri]
     command += ["--host", given.host, "--port", str(given.port)]
-    print(f"http://{given.host}:{given.port} shows {settings.tracking_uri}; Ctrl-C stops it", flush=True)
+    print(f"http://{given.host}:{given.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
     return subprocess.call(command)
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from datasets.gaps import KINDS
+from harness.address import check
 from harness.extensions import Configurations
 from harness.record import AUTO, Trial, UsageError
 
@@ -66,7 +67,7 @@ class Settings:
 
     output: Path
     data: Path
-    tracking_uri: str
+    tracking_uri: str = field(repr=False)  # may hold a login
     missing: str = "error"
     rerun: str = "none"
     threads: int = 1
@@ -114,6 +115,8 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     sweep = str(plain["sweep"] or "")
     if not re.fullmatch(NAME, sweep or "x"):
         raise UsageError(f"sweep is {sweep!r}, wanted letters, digits and . _ + -")
+    written = cast(dict[str, Any], OmegaConf.to_container(cfg.tracking, resolve=False))
+    check(str(written["uri"]), str(plain["tracking"]["uri"]))
     return trial_of(plain), Settings(
         output=Path(plain["output"] or "outputs").resolve(),
         data=Path(plain["data"] or "data").resolve(),

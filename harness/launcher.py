@@ -15,7 +15,7 @@ from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
 
-BASIC, SLURM = "basic", "submitit_slurm"
+BASIC, SLURM, RAY = "basic", "submitit_slurm", "ray"
 
 
 class Launcher:
@@ -45,6 +45,9 @@ class Launcher:
         self._name: str = hydra.runtime.choices["hydra/launcher"]
         if self._name == SLURM and settings.workers is None:
             raise UsageError("say how many Slurm jobs are to share the trials: workers=20")
+        if self._name == RAY and hydra.launcher.ray.init.get("address"):
+            # the plugin sets the size of the store where nobody does, and Ray refuses it for a cluster that is there
+            self._own.append("++hydra.launcher.ray.init.object_store_memory=null")
         n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
         self._most: int = settings.workers or n_jobs or _cores() // settings.threads or 1
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import numpy as np
 from filelock import FileLock
 
+from harness.address import split, words
 from harness.curves import thinned
 from harness.record import OK, Outcome, UsageError
 from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "nrsfm"
+LONGEST = 8000  # characters of a tag
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")  # a server that is away is said to be within seconds
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")  # asked again unseen, a server makes a run twice
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
 
 
@@ -46,61 +48,66 @@ class Tracker:
     Parameters
     ----------
     uri : str
-        ``sqlite:///...`` or the address of an MLflow server.
+        ``sqlite:///...`` or the address of an MLflow server, which may hold a login; the attribute ``uri`` does not.
     output : Path
         Root of everything written; holds the lock files and, for SQLite, the artifacts.
+
+    Raises
+    ------
+    UsageError
+        By every method that uses the store, if that cannot be reached or does not do as it is told.
     """
 
     def __init__(self, uri: str, output: Path) -> None:
-        self.uri = uri
+        self.uri, self._login = split(uri)
         self.output = output
         self._client: MlflowClient | None = None
         self._experiment = ""
 
     @property
     def client(self) -> MlflowClient:
-        """The client, with the store created and the experiment there.
-
-        Raises
-        ------
-        UsageError
-            If the store cannot be reached.
-        """
+        """The client, with the store created and the experiment there."""
         if self._client is None:
             self.output.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.output / ".tracker.lock"):
-                self._connect()
-        assert self._client is not None
+            with FileLock(self.output / ".tracker.lock"), self._in_words():
+                self._client = self._connect()
         return self._client
 
-    def _connect(self) -> None:
+    def _connect(self) -> MlflowClient:
         import logging
 
         from mlflow import MlflowClient
 
         for name in ("mlflow", "alembic", "sqlalchemy"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised as well
+        os.environ.update(self._login)
         artifacts = None
+        if self.uri.startswith("sqlite:///"):
+            path = Path(self.uri.removeprefix("sqlite:///"))
+            artifacts = (self.output / "artifacts").as_uri()
+            if not path.exists():  # made beside its place: a kill in the middle leaves no half-made store
+                fresh = path.with_name(f".{path.name}.new")
+                fresh.unlink(missing_ok=True)
+                MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
+                fresh.replace(path)
+            with closing(sqlite3.connect(path)) as db:
+                db.execute("PRAGMA journal_mode=WAL")
+        client = MlflowClient(self.uri, registry_uri=self.uri)
+        experiment = client.get_experiment_by_name(EXPERIMENT)
+        self._experiment = experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
+        return client
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        """MLflow lets the errors of its database, drivers and network through: they become one line."""
         try:
-            if self.uri.startswith("sqlite:///"):
-                path = Path(self.uri.removeprefix("sqlite:///"))
-                artifacts = (self.output / "artifacts").as_uri()
-                if not path.exists():  # made beside its place: a kill in the middle leaves no half-made store
-                    fresh = path.with_name(f".{path.name}.new")
-                    fresh.unlink(missing_ok=True)
-                    MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
-                    fresh.replace(path)
-                with closing(sqlite3.connect(path)) as db:
-                    db.execute("PRAGMA journal_mode=WAL")
-            client = MlflowClient(self.uri, registry_uri=self.uri)
-            experiment = client.get_experiment_by_name(EXPERIMENT)
-            self._experiment = (
-                experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
-            )
-        except Exception as error:  # MLflow lets the errors of its database, drivers and network through
-            reason = " ".join(str(error).split())[:300]
-            raise UsageError(f"tracker {shown(self.uri)} cannot be used: {type(error).__name__}: {reason}") from None
-        self._client = client
+            yield
+        except UsageError:
+            raise
+        except Exception as error:
+            if isinstance(error, OSError) and error.filename:  # a file of the output folder
+                raise
+            raise UsageError(f"tracker {self.uri} cannot be used: {words(error, self.uri)}") from None
 
     def log(self, outcome: Outcome, folder: Path) -> str:
         """Write one trial, once: a whole run of the same trial and time is left alone, any other is replaced.
@@ -122,7 +129,7 @@ class Tracker:
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
         client = self.client
-        with FileLock(self.output / ".tracker.lock"):
+        with FileLock(self.output / ".tracker.lock"), self._in_words():
             for run in client.search_runs([self._experiment], f"tags.trial_key = '{outcome.key}'"):
                 if run.data.tags.get("finished") == outcome.finished:
                     self._note(outcome, folder)
@@ -147,8 +154,8 @@ class Tracker:
             client.log_batch(
                 run_id,
                 metrics=points[:1000],
-                params=[Param(k, v) for k, v in flatten(outcome.parameters).items()],
-                tags=[RunTag("record", outcome.to_json()), RunTag("finished", outcome.finished)],
+                params=[Param(k, _clean(v)) for k, v in flatten(outcome.parameters).items()],
+                tags=[RunTag(k, v) for k, v in (_pieces(outcome) | {"finished": outcome.finished}).items()],
             )
             self._note(outcome, folder)
         return run_id
@@ -175,9 +182,11 @@ class Tracker:
         """Every trial in the store, or those of some keys, oldest first."""
         wanted = [""] if keys is None else [f"tags.trial_key = '{key}'" for key in keys]
         found: list[Tracked] = []
-        for run in chain.from_iterable(map(self._runs, wanted)):
+        with self._in_words():
+            runs = list(chain.from_iterable(map(self._runs, wanted)))
+        for run in runs:
             try:
-                outcome = Outcome.from_json(run.data.tags.get("record", ""))
+                outcome = Outcome.from_json(_record(run.data.tags))
             except ValueError:
                 continue
             if run.data.tags.get("finished") != outcome.finished:  # cut short
@@ -187,10 +196,11 @@ class Tracker:
 
     def fetch(self, run_id: str, name: str, folder: Path) -> bool:
         """Download a run's artifact into a folder; False if the store has none of that name."""
-        if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
-            return False
-        folder.mkdir(parents=True, exist_ok=True)
-        self.client.download_artifacts(run_id, name, str(folder))
+        with self._in_words():
+            if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
+                return False
+            folder.mkdir(parents=True, exist_ok=True)
+            self.client.download_artifacts(run_id, name, str(folder))
         return True
 
     def _runs(self, wanted: str) -> Iterator[Run]:
@@ -224,12 +234,6 @@ class Tracker:
         return written
 
 
-def shown(uri: str) -> str:
-    """An address without its password."""
-    parts = urlsplit(uri)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl() if "@" in parts.netloc else uri
-
-
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Nested settings as ``method.clusterer.alpha: "800.0"``."""
     flat: dict[str, str] = {}
@@ -248,8 +252,24 @@ def _tags(outcome: Outcome) -> dict[str, str]:
         "trial_key": outcome.key,
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
-        "error": outcome.error[:500],
+        "error": _clean(outcome.error[:500]),
     }
+
+
+def _clean(text: str) -> str:
+    """A text that every database takes: PostgreSQL has no NUL, and nobody encodes half a surrogate pair."""
+    return text.replace("\0", "\N{REPLACEMENT CHARACTER}").encode(errors="replace").decode()
+
+
+def _pieces(outcome: Outcome) -> dict[str, str]:
+    """The record as tags, whose length is limited."""
+    text = outcome.to_json()
+    return {f"record{i or ''}": text[at : at + LONGEST] for i, at in enumerate(range(0, len(text), LONGEST))}
+
+
+def _record(tags: Mapping[str, str]) -> str:
+    """What :func:`_pieces` took apart."""
+    return "".join(tags.get(f"record{i or ''}", "") for i in range(len(tags)))
 
 
 def _curves(folder: Path) -> list[tuple[str, int, float]]:
