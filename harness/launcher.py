@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hydra import compose
 
+from harness.address import SECRETS
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
@@ -60,7 +61,7 @@ class Launcher:
         own = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
-        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext():
+        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _untold():
             hydra(["--multirun", *self._own, *own, "hydra.sweeper.params=null", *place, *task])
 
 
@@ -85,6 +86,16 @@ def _to_itself(sign: signal.Signals) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
+
+
+@contextmanager
+def _untold() -> Iterator[None]:
+    """Keep the tracker's login from the environment of workers, which a scheduler writes down: they never need it."""
+    kept = {name: os.environ.pop(name) for name in SECRETS if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(kept)
 
 
 def _cores() -> int:

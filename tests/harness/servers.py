@@ -29,6 +29,19 @@ def free_port() -> int:
         return int(free.getsockname()[1])
 
 
+def wait_for(address: str, process: subprocess.Popen[bytes], seconds: float = 240) -> None:
+    """Wait until an MLflow server answers."""
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            with urllib.request.urlopen(f"{address}/health", timeout=10):
+                return
+        except OSError:
+            assert time.monotonic() < end
+            assert process.poll() is None
+            time.sleep(0.1)
+
+
 class Postgres:
     """A database server of its own.
 
@@ -37,25 +50,33 @@ class Postgres:
     folder : Path
         An empty folder that everybody may enter: root, whom PostgreSQL refuses, lends it to ``nobody``.
     password : str
-        Of its user, ``mlflow``.
+        Of its user, ``postgres``.
     """
 
     def __init__(self, folder: Path, password: str) -> None:
         self.port, self._folder, self._password = free_port(), folder, password
-        self._bin = postgres_folder()
+        programs = postgres_folder()
+        assert programs is not None
+        self.programs = programs
         secret = folder / "password"
         secret.write_text(password)
         if os.getuid() == 0:
             for path in (folder, secret):
                 shutil.chown(path, "nobody")
         self._call(
-            "initdb", f"--pgdata={folder}/data", "--username=mlflow", "--auth=scram-sha-256", f"--pwfile={secret}"
+            "initdb", f"--pgdata={folder}/data", "--username=postgres", "--auth=scram-sha-256", f"--pwfile={secret}"
         )
         self.start()
 
     @property
     def uri(self) -> str:
-        return f"postgresql://mlflow:{self._password}@127.0.0.1:{self.port}/postgres"
+        return f"postgresql://postgres:{self._password}@127.0.0.1:{self.port}/postgres"
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Its place and its user, as PostgreSQL's programs read them from the environment."""
+        place = {"PGHOST": "127.0.0.1", "PGPORT": str(self.port)}
+        return place | {"PGUSER": "postgres", "PGPASSWORD": self._password}
 
     def start(self) -> None:
         options = f"-p {self.port} -h 127.0.0.1 -k {self._folder} -F"
@@ -71,10 +92,9 @@ class Postgres:
         return self._call("pg_dump", f"--dbname={self.uri}")
 
     def _call(self, name: str, *arguments: str) -> str:
-        assert self._bin is not None
         person: dict = {"user": "nobody", "group": "nogroup", "extra_groups": []} if os.getuid() == 0 else {}
         done = subprocess.run(
-            [str(self._bin / name), *arguments],
+            [str(self.programs / name), *arguments],
             cwd=self._folder,
             stdout=subprocess.DEVNULL if name == "pg_ctl" else subprocess.PIPE,  # the server would keep a pipe open
             stderr=subprocess.DEVNULL if name == "pg_ctl" else subprocess.PIPE,
@@ -125,14 +145,10 @@ class Server:
                 stderr=log,
                 start_new_session=True,
             )
-        end = time.monotonic() + 120
-        while True:
-            try:
-                with urllib.request.urlopen(f"{self.address}/health", timeout=2):
-                    return
-            except OSError:
-                assert time.monotonic() < end and self._process.poll() is None, (self.folder / "server.log").read_text()
-                time.sleep(0.1)
+        try:
+            wait_for(self.address, self._process)
+        except AssertionError:
+            raise AssertionError((self.folder / "server.log").read_text()) from None
 
     def signal(self, sign: signal.Signals) -> None:
         """To every process of it; SIGSTOP makes a server that takes connections and never answers."""

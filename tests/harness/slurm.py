@@ -1,7 +1,8 @@
 """As much of Slurm as a job array needs, on this machine: ``sbatch``, ``srun``, ``sacct``, ``scontrol`` on the path.
 
 ``sbatch`` starts a controller that runs the array's tasks, so many at a time as it is told, each in a session of its
-own with the variables that Slurm sets; ``scontrol requeue`` has a task that ends run again.
+own with the variables that Slurm sets; ``scontrol requeue`` has a task that ends run again. As Slurm does, it writes
+down the environment that a job is to have.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ def sbatch(script: str) -> None:
         except FileExistsError:
             continue
     (jobs() / str(number) / "script.sh").write_text(Path(script).read_text())
+    (jobs() / str(number) / "environment").write_text("\n".join(f"{k}={v}" for k, v in os.environ.items()))
     subprocess.Popen(
         [sys.executable, __file__, "controller", str(number)],
         stdin=subprocess.DEVNULL,
