@@ -3,13 +3,15 @@
 # make bench    speed of the solvers beside named alternatives
 # make validate the longer checks: published numbers on whole datasets
 # make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
+# make docs     the documentation as a site, in build/docs
+# make dist     the wheel and the source distribution, in dist/
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test test-server validate bench format clean
+.PHONY: help tables test test-server validate bench docs dist format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -46,6 +48,14 @@ test-server: $(INSTALLED)
 	  { [ "$$(id -u)" = 0 ] && apt-get update --quiet && apt-get install --quiet --yes postgresql; } || \
 	  { echo "PostgreSQL's programs are not there: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
 	$(BIN)/pytest -m postgres
+
+docs: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html --doctree-dir build/doctrees docs build/docs
+	@echo "Open build/docs/index.html"
+
+dist: $(INSTALLED)
+	$(BIN)/python -m build --no-isolation
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -7,15 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets.errors import DatasetError as DatasetError
+from datasets.errors import MissingData as MissingData
+
 Array = NDArray[np.float64]
-
-
-class DatasetError(ValueError):
-    """Input data that cannot be used. The message is one line: what, where, and the remedy."""
-
-
-class MissingData(DatasetError):
-    """A file that is not there; the message says how to get it."""
 
 
 def no_edges() -> NDArray[np.int64]:

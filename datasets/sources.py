@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
-from datasets.body import DatasetError, MissingData
+from datasets.errors import DatasetError, MissingData
 
 PRESENT, ABSENT, CHANGED = "present", "absent", "changed"
 CONNECT_SECONDS, READ_SECONDS, RETRIES, CHUNK = 4.0, 30.0, 1, 1 << 16

@@ -16,6 +16,7 @@ USAGE = """\
 usage: harness VERB ...
 
   run [-m] [OVERRIDES]     one trial, a sweep, or an experiment (a Hydra application; every Hydra flag works)
+  solve FILE --bodies N    tracks of your own in (.npz .mat .csv .c3d), structure, labels and a 3D view out
   plan [OVERRIDES]         what run would do: trials done, missing and failed, expected time and memory
   report [TABLES] [OVERRIDES]  rebuild the paper's tables from the tracker; runs no method
   compare [OVERRIDES]      measured against a blessed baseline or the published numbers; exit code 1 when worse
@@ -25,10 +26,13 @@ usage: harness VERB ...
   data list|get|verify|where
   sync                     bring every trial record into the tracker
   ui                       open the MLflow interface on the store
+  doctor [OVERRIDES]       what of this installation works, and the remedy for what does not
+  completion bash|zsh|fish print a shell's completion
 
   harness run dataset=dance_yoga method=ours
   harness run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02
   harness run +experiment=table1 && harness report table1
+  harness solve tracks.npz --bodies 2
 
 'harness VERB --help' says more. Exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage.
 """
@@ -49,11 +53,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if verb not in VERBS:
         print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
         return 3
-    from datasets.body import DatasetError
+    from datasets.errors import DatasetError
     from harness.address import shown
+    from harness.parsers import PARSERS
     from harness.record import UsageError
 
     try:
+        if verb in PARSERS and not {"-h", "--help"}.isdisjoint(rest):
+            PARSERS[verb]().read(rest)  # which ends here, before anything slow is loaded
         return VERBS[verb](rest)
     except UsageError as error:
         print(f"harness {verb}: {shown(str(error))}", file=sys.stderr)
@@ -78,6 +85,12 @@ def _run(argv: list[str]) -> int:
     from harness.run import main as run
 
     return run(argv)
+
+
+def _solve(argv: list[str]) -> int:
+    from harness.solving import main as solving
+
+    return solving(argv)
 
 
 def _plan(argv: list[str]) -> int:
@@ -117,19 +130,17 @@ def _new(argv: list[str]) -> int:
 
 
 def _data(argv: list[str]) -> int:
+    from harness.configurations import data_folder
     from harness.data import main as data
 
-    return data(argv, _settings([]).data)
+    return data(argv, data_folder())
 
 
 def _sync(argv: list[str]) -> int:
-    from harness.arguments import Parser
-
-    parser = Parser("harness sync", description="Bring every trial record into the tracker.")
-    parser.add_argument("overrides", nargs="*", help="such as output=... or tracking=server tracking.uri=...")
+    from harness import parsers
     from harness.tracking import Tracker
 
-    settings = _settings(parser.read(argv).overrides)
+    settings = _settings(parsers.sync().read(argv).overrides)
     tracker = Tracker(settings.tracking_uri, settings.output)
     written = tracker.sync(settings.trials)
     print(f"{written} run{'' if written == 1 else 's'} written to {tracker.uri}")
@@ -137,16 +148,11 @@ def _sync(argv: list[str]) -> int:
 
 
 def _ui(argv: list[str]) -> int:
-    from harness.arguments import Parser
-
-    parser = Parser("harness ui", description="Open the MLflow interface on the store.")
-    parser.add_argument("--port", type=int, default=5000)
-    parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("overrides", nargs="*", help="such as output=...")
-    given = parser.read(argv)
+    from harness import parsers
     from harness.address import is_server
     from harness.tracking import Tracker
 
+    given = parsers.ui().read(argv)
     settings = _settings(given.overrides)
     tracker = Tracker(settings.tracking_uri, settings.output)
     if is_server(tracker.uri):
@@ -159,14 +165,28 @@ def _ui(argv: list[str]) -> int:
     return subprocess.call(command)
 
 
+def _doctor(argv: list[str]) -> int:
+    from harness.doctor import main as doctor
+
+    return doctor(argv)
+
+
+def _completion(argv: list[str]) -> int:
+    from harness.completion import main as completion
+
+    return completion(argv)
+
+
 def _settings(overrides: Sequence[str]) -> Settings:
-    from harness.experiments import compose_config, read
+    from harness.configurations import compose_config
+    from harness.experiments import read
 
     return read(compose_config(overrides))[1]
 
 
 VERBS: dict[str, Callable[[list[str]], int]] = {
     "run": _run,
+    "solve": _solve,
     "plan": _plan,
     "report": _report,
     "compare": _compare,
@@ -176,4 +196,6 @@ VERBS: dict[str, Callable[[list[str]], int]] = {
     "data": _data,
     "sync": _sync,
     "ui": _ui,
+    "doctor": _doctor,
+    "completion": _completion,
 }

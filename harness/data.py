@@ -7,59 +7,13 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from datasets import sources
-from datasets.body import DatasetError
+from datasets.errors import DatasetError
+from harness import parsers
+from harness.record import UsageError
 
 OK, FAILED, USAGE = 0, 2, 3
-
-EXAMPLES = """\
-examples:
-  harness data list               every file of the catalogue: state, size, terms, source
-  harness data get                fetch what the paper's tables need and is absent
-  harness data get hopkins155     the 155 motion segmentation scenes (27 MB)
-  harness data get drink shark    the files of two sequences
-  harness data verify             check what is there against its SHA-256
-  NRSFM_DATA=~/nrsfm harness data where
-
-exit codes: 0 fine, 2 a file is missing or wrong, 3 wrong usage
-The folder is NRSFM_DATA where that is set. Without any files the procedural scenes stand in for the real
-sequences, and every page says so."""
-
-
-class _Usage(Exception):
-    """The command line is not one of this verb's."""
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise _Usage(f"{self.prog}: {message}; see '{self.prog} --help'")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="harness data",
-        description="Public data: list it, fetch it, check it, and say where it is kept.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where}", required=True)
-    names = "a group (mocap, hopkins155, c3d), a file (mocap/drink.mat, drink) or a sequence (shark); {} by default"
-    for verb, text in (
-        ("list", "every file: state, size, terms, source"),
-        (
-            "get",
-            "fetch the files that are absent or damaged; a file is put in its place only once its SHA-256 is right",
-        ),
-        ("verify", "check the SHA-256 of what is there; files that are named must be there"),
-    ):
-        parsed = verbs.add_parser(verb, help=text, description=text)
-        default = f"all but {', '.join(sorted(sources.ON_REQUEST))}" if verb == "get" else "all"
-        parsed.add_argument("names", nargs="*", metavar="NAME", help=names.format(default))
-    text = "print the data folder, and whether it comes from NRSFM_DATA"
-    verbs.add_parser("where", help=text, description=text)
-    return parser
 
 
 def main(argv: Sequence[str], folder: Path) -> int:
@@ -78,11 +32,11 @@ def main(argv: Sequence[str], folder: Path) -> int:
         0 fine, 2 a file is missing or wrong, 3 wrong usage.
     """
     try:
-        asked = _parser().parse_args(list(argv))
+        asked = parsers.data().read(argv)
         return {"list": _list, "get": _get, "verify": _verify, "where": _where}[asked.verb](folder, asked)
-    except _Usage as error:
+    except UsageError as error:
         return _say(str(error), USAGE)
-    except SystemExit as stop:  # --help
+    except SystemExit as stop:  # --help, or wrong usage
         return int(stop.code or 0)
     except DatasetError as error:
         return _say(str(error), FAILED)
@@ -104,7 +58,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
     try:
         sources.select(names)
     except DatasetError as error:
-        raise _Usage(str(error)) from None
+        raise UsageError(str(error)) from None
     return list(names)
 
 

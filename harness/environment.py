@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -35,6 +36,19 @@ def environment() -> dict[str, str]:
         "processor": _processor(),
         "code": source_digest(),
     }
+
+
+def checkout() -> Path | None:
+    """The folder of the sources where the harness runs from a checkout; None where it is an installed package."""
+    root = Path(__file__).parents[1]
+    return root if (root / "pyproject.toml").is_file() else None
+
+
+def cores() -> int:
+    """Of this machine, those that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _processor() -> str:

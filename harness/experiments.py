@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
@@ -12,29 +11,23 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, cast
 
-from hydra import compose, initialize_config_module
+from hydra import compose
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, OverrideType
-from hydra.core.plugins import Plugins
-from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
 from datasets.gaps import KINDS
+from datasets.tracks import title
 from harness.address import check
-from harness.extensions import Configurations
+from harness.configurations import WORDS, configurations, one_line
+from harness.configurations import compose_config as compose_config
 from harness.record import AUTO, Trial, UsageError
 
-MISSING = ("error", "stand_in")
-RERUN = ("none", "failed", "stale", "all")
 LIMITS = ("seconds", "memory_gb", "sweep_seconds")
 NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
-
-
-Plugins.instance().register(Configurations)
 
 
 @dataclass(frozen=True)
@@ -96,7 +89,7 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     except OmegaConfBaseException as error:
         raise UsageError(f"configuration: {one_line(error)}") from None
     plain = cast(dict[str, Any], plain)
-    for key, allowed in (("missing", MISSING), ("rerun", RERUN)):
+    for key, allowed in WORDS.items():
         if plain[key] not in allowed:
             raise UsageError(f"{key} is {plain[key]!r}, wanted one of {', '.join(allowed)}")
     limits = plain["limits"]
@@ -151,7 +144,8 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
         bodies = dataset.get("bodies")
         if "bodies" in dataset and not (isinstance(bodies, list) and bodies):
             raise UsageError(f"dataset.bodies is {bodies!r}, wanted a list such as [dance,yoga]")
-        dataset["name"] = "_".join(map(str, bodies)) if bodies else dataset.get("source")
+        file = dataset.get("file") if dataset.get("source") == "tracks" else None
+        dataset["name"] = "_".join(map(str, bodies)) if bodies else title(file) if file else dataset.get("source")
     for group, value in (("dataset", dataset.get("name")), ("method", method.get("name"))):
         if not (isinstance(value, str) and re.fullmatch(NAME, value)):
             raise UsageError(f"{group}.name is {value!r}, wanted letters, digits and . _ + -")
@@ -191,37 +185,6 @@ def _check_placement(value: Any) -> None:
     )
     if not (isinstance(value, str) or numbers):
         raise UsageError(f"dataset.placement is {value!r}, wanted paper, intersecting, or three numbers [x,y,z]")
-
-
-def one_line(error: BaseException) -> str:
-    """An error's message on one line."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines[:12]) if lines else type(error).__name__
-    return text.replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
-
-
-@contextmanager
-def configurations() -> Iterator[None]:
-    """Hydra initialised on the package's configuration tree; its errors become one-line UsageErrors."""
-    try:
-        if GlobalHydra.instance().is_initialized():
-            yield
-        else:
-            with initialize_config_module("conf", version_base="1.3", job_name="harness"):
-                yield
-    except (HydraException, OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
-        raise UsageError(one_line(error)) from None
-    except ValueError as error:
-        if isinstance(error, UsageError) or not str(error).startswith("Config group override"):
-            raise
-        remedy = "a group takes the name of one of its files (noise=gaussian), a key its value (noise.level=0.01)"
-        raise UsageError(f"{one_line(error)}: {remedy}") from None
-
-
-def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
-    """The configuration that the overrides make, as ``harness run`` would see it."""
-    with configurations():
-        return compose("config", overrides=list(overrides))
 
 
 def spanned(overrides: Sequence[str]) -> list[list[str]]:
@@ -283,7 +246,7 @@ def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
 
 
 def compose_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[DictConfig]:
-    """:func:`compose_config` of each job, files read as seldom as can be.
+    """:func:`harness.configurations.compose_config` of each job, files read as seldom as can be.
 
     Jobs that differ in plain values alone share their files: Hydra as well merges the files first and sets the values
     after. Jobs that differ in several choices of files are put together from the configurations that differ in one,

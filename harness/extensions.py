@@ -13,22 +13,9 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
-from hydra.core.config_search_path import ConfigSearchPath
-from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import OmegaConf
-
-from datasets import registry as datasets
-from datasets.body import DatasetError
-from methods import registry as methods
-from methods.base import MethodError
-
-
-class Configurations(SearchPathPlugin):
-    """Puts the configurations of installed packages into Hydra's search path, behind the harness's own."""
-
-    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        for package, folder in folders().items():
-            search_path.append(package, f"file://{folder}")
+import datasets
+import methods
+from datasets.errors import DatasetError
 
 
 def installed() -> list[EntryPoint]:
@@ -67,16 +54,24 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
 
 def faults() -> Iterator[str]:
     """What is wrong with installed packages, a line each: nothing that keeps the rest from working."""
+    if not (entries := installed()):
+        return
+    from omegaconf import OmegaConf  # this and the registries take seconds, which only packages are worth
+
+    from datasets.registry import SOURCES, source
+    from methods.base import MethodError
+    from methods.registry import ALGORITHMS, algorithm
+
     seen: dict[tuple[str, str], str] = {}
-    for entry in installed():
+    for entry in entries:
         package = _package(entry)
-        own = methods.ALGORITHMS if entry.group == methods.ENTRY_POINTS else datasets.SOURCES
+        own = ALGORITHMS if entry.group == methods.ENTRY_POINTS else SOURCES
         first = "the harness" if entry.name in own else seen.setdefault((entry.group, entry.name), package)
         if first != package:
             yield f"package {package}: {entry.name} is not used, {first} has one of that name; rename it"
             continue
         try:
-            _ = methods.algorithm(entry.name) if own is methods.ALGORITHMS else datasets.source(entry.name)
+            _ = algorithm(entry.name) if own is ALGORITHMS else source(entry.name)
         except (MethodError, DatasetError) as error:
             yield " ".join(str(error).split())
     for package, folder in folders().items():

@@ -11,13 +11,14 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from harness import parsers
 from harness.answers import answers
-from harness.arguments import Parser
 from harness.baseline import Baseline, bless
 from harness.ci import FORMATS, Gate
 from harness.compare import compare, tolerances
 from harness.comparison import show
-from harness.experiments import compose_config
+from harness.configurations import compose_config
+from harness.environment import checkout
 from harness.record import Outcome, UsageError
 from harness.storage import write_text
 
@@ -30,22 +31,7 @@ def compare_main(argv: Sequence[str]) -> int:
     UsageError
         If the overrides, the tolerances or the baseline cannot be used.
     """
-    parser = Parser(
-        "harness compare",
-        description="Hold measured runs against a blessed baseline, which blocks, and the published numbers, which "
-        "inform.",
-        epilog="harness compare +experiment=quick\n"
-        "harness compare +experiment=table1 compare.baseline=tables\n"
-        "harness compare +experiment=table2 compare.baseline=tables --strict\n"
-        "harness compare +experiment=table2 compare.against=published\n"
-        "Exit codes: 0 ok, 1 worse, 2 missing or failed, 3 usage.",
-    )
-    parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=quick when none is named")
-    parser.add_argument("--all", action="store_true", help="show cells that pass, too")
-    parser.add_argument("--strict", action="store_true", help="the published numbers block as well, not only inform")
-    for name in FORMATS:
-        parser.add_argument(f"--{name}", type=Path, metavar="FILE", help=f"also write the comparison as {name}")
-    given = parser.read(argv)
+    given = parsers.compare().read(argv)
     overrides = _with_experiment(given.overrides)
     settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
     against, outcomes = str(settings["against"]), measured(overrides)
@@ -75,16 +61,10 @@ def bless_main(argv: Sequence[str]) -> int:
     UsageError
         If there is nothing to bless, no reason, or the file cannot be used.
     """
-    parser = Parser(
-        "harness bless",
-        description="Record measured runs as a baseline, with the reason why they are right.",
-        epilog="harness bless quick --reason 'exact E-step' +experiment=quick",
-    )
-    parser.add_argument("name", help="reports/baselines/NAME.json, or a path that ends in .json")
-    parser.add_argument("overrides", nargs="*", help="as for 'harness run'; +experiment=NAME when none is named")
-    parser.add_argument("--reason", required=True, help="why these numbers are right; kept in the file")
-    given = parser.read(argv)
+    given = parsers.bless().read(argv)
     path = locate(given.name)
+    if checkout() is None and not given.name.endswith(".json"):
+        raise UsageError(f"the baselines of an installed harness are not written; name a file, {given.name}.json")
     baseline = bless(
         measured(_with_experiment(given.overrides, Path(given.name).stem)),
         path,

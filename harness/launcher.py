@@ -12,6 +12,7 @@ from pathlib import Path
 from hydra import compose
 
 from harness.address import SECRETS
+from harness.environment import cores
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
 from harness.sweep import Work, go_through
@@ -50,7 +51,7 @@ class Launcher:
             # the plugin sets the size of the store where nobody does, and Ray refuses it for a cluster that is there
             self._own.append("++hydra.launcher.ray.init.object_store_memory=null")
         n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
-        self._most: int = settings.workers or n_jobs or _cores() // settings.threads or 1
+        self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
     def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
         """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
@@ -96,12 +97,6 @@ def _untold() -> Iterator[None]:
         yield
     finally:
         os.environ.update(kept)
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _quoted(path: Path) -> str:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from harness.arguments import Parser
+from harness import parsers
 from harness.extensions import choices, faults
 
 GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
@@ -17,9 +17,7 @@ GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment
 
 def main(argv: Sequence[str]) -> int:
     """Print one group, or all, and to standard error what is wrong with installed packages."""
-    parser = Parser("harness list", description="Methods, datasets and experiments, one line each.")
-    parser.add_argument("what", nargs="?", choices=list(GROUPS))
-    given = parser.read(argv)
+    given = parsers.listing().read(argv)
     console = Console()
     for heading in [given.what] if given.what else list(GROUPS):
         table = Table(box=None, pad_edge=False, show_header=False)

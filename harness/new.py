@@ -11,9 +11,9 @@ from pathlib import Path
 
 import jinja2
 
-import harness
 from datasets import registry as datasets
-from harness.arguments import Parser
+from harness import parsers
+from harness.environment import checkout
 from harness.extensions import choices, installed
 from harness.record import UsageError
 from methods import base
@@ -26,19 +26,9 @@ KINDS = {"method": (methods.ENTRY_POINTS, "methods"), "dataset": (datasets.ENTRY
 
 def main(argv: Sequence[str]) -> int:
     """Write the files and say what to do next."""
-    parser = Parser(
-        "harness new",
-        description="Write a method or a dataset of your own: a module, a configuration and a test, which run at once. "
-        "In a checkout of the harness they go into its folders, elsewhere into a package to install.",
-        epilog="harness new method my_method\nharness new dataset my_scenes --package my-package",
-    )
-    parser.add_argument("kind", choices=list(KINDS))
-    parser.add_argument("name", help="lower case letters, digits and _")
-    parser.add_argument("--package", type=Path, metavar="FOLDER", help="write into this package, made if it is missing")
-    given = parser.read(argv)
-    _check_name(given.kind, given.name)
-    root = Path(harness.__file__).parents[1]
-    if given.package is None and (root / "pyproject.toml").is_file() and Path.cwd().is_relative_to(root):
+    given = parsers.new().read(argv)
+    root = checkout()
+    if given.package is None and root is not None and Path.cwd().is_relative_to(root):
         texts = _in_checkout(root, given.kind, given.name)
         after = ""
     else:

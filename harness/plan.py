@@ -12,7 +12,7 @@ from rich.table import Table
 
 from datasets.body import DatasetError
 from datasets.registry import load_scene
-from harness.arguments import Parser
+from harness import parsers
 from harness.experiments import Settings, expand
 from harness.memory import Size, foreseen_gb, refusal
 from harness.record import OK, Outcome, Trial, digest
@@ -84,13 +84,7 @@ def _memory(trial: Trial, settings: Settings, sizes: dict[str, Size | str]) -> t
 
 def main(argv: Sequence[str]) -> int:
     """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
-    parser = Parser(
-        "harness plan",
-        description="What 'harness run' with the same overrides would do.",
-        epilog="harness plan +experiment=table1\nharness plan method=ours,edsc noise.level=0,0.02",
-    )
-    parser.add_argument("overrides", nargs="*")
-    planned, settings = plan(parser.read(argv).overrides)
+    planned, settings = plan(parsers.plan().read(argv).overrides)
     past = [o for o in map(read_record, sorted(settings.trials.glob("*/"))) if o is not None and o.status == OK]
     table = Table(box=None, pad_edge=False)
     for heading in ("trial", "state", "expected"):

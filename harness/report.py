@@ -10,8 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness import parsers
 from harness.answers import Store, answers
-from harness.arguments import Parser
 from harness.evidence import Arrays, as_configured
 from harness.experiments import Settings, configurations
 from harness.record import ABSENT, OK, UsageError
@@ -28,8 +28,6 @@ from reports.writers import FORMATS, console, glance, tally
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-DEFAULT = ("table1", "table2")
 
 
 @dataclass(frozen=True)
@@ -199,25 +197,8 @@ def main(argv: Sequence[str]) -> int:
     UsageError
         If an experiment or override is unknown, or the tracker cannot be reached.
     """
-    parser = Parser(
-        "harness report",
-        description="Rebuild the report from the tracker: index.html, the tables as md, tex (as in the paper, and for "
-        "audit), html, csv and json, and the paper's claims.",
-        epilog="harness report\nharness report --claims\n"
-        "harness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'",
-    )
-    parser.add_argument(
-        "words", nargs="*", metavar="TABLE|OVERRIDE", help=f"experiments ({' '.join(DEFAULT)}) and overrides"
-    )
-    parser.add_argument("--folder", type=Path, help="where to write; OUTPUT/report by default")
-    parser.add_argument("--claims", action="store_true", help="print the paper's claims in place of the tables")
-    parser.add_argument("--figures", action="store_true", help="also draw the figures: svg, pdf and png")
-    parser.add_argument(
-        "--into", type=Path, metavar="FILE", help="also renew the tables between <!-- TABLE --> and <!-- end TABLE -->"
-    )
-    parser.add_argument("--quiet", action="store_true", help="write the files, print no tables")
-    given = parser.read(argv)
-    names = [word for word in given.words if "=" not in word] or list(DEFAULT)
+    given = parsers.report().read(argv)
+    names = [word for word in given.words if "=" not in word] or list(parsers.REPORTED)
     report, settings = gather(names, [word for word in given.words if "=" in word])
     if given.claims:
         print(claims.text(report.judged), end="")

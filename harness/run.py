@@ -51,13 +51,13 @@ def main(argv: Sequence[str]) -> int:
     """
     asked, unknown = get_args_parser().parse_known_args(list(argv))
     if unknown:
-        raise UsageError(f"{unknown[0]} is no option of 'harness run'; see 'harness run --hydra-help'")
+        raise UsageError(f"{unknown[0]} is no option of 'harness run'; see 'harness run --help'")
     if asked.config_name or asked.config_path:
         raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
     overrides = list(asked.overrides)
     if asked.config_dir:
         overrides.append(f"hydra.searchpath=[file://{Path(asked.config_dir).resolve()}]")
-    if asked.help or asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
+    if asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
         with redirect_stdout(StringIO()) as said:
             code = _hydra(list(argv))
         print(shown(said.getvalue()), end="")

@@ -16,6 +16,7 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
+from methods import ENTRY_POINTS
 from methods.adaptive import AdaptiveMultiBody
 from methods.base import Method, MethodError
 from methods.bmm import BMM
@@ -40,9 +41,6 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "reconstruct_then_cluster": ReconstructThenCluster,
     "cluster_then_reconstruct": ClusterThenReconstruct,
 }
-
-
-ENTRY_POINTS = "nrsfm_harness.algorithms"
 
 
 def algorithm(name: object) -> type[BaseEstimator]:
