@@ -18,8 +18,8 @@ import yaml
 from hydra import compose
 from hydra._internal.utils import get_args_parser
 
+from harness import parsers
 from harness.cli import VERBS
-from harness.data import _parser
 from harness.experiments import configurations, expand, read, spanned
 from methods.registry import build_method
 from tests.harness.conftest import Shell
@@ -81,7 +81,7 @@ def test_command_is_composed(command: Command, tree: None, capsys: pytest.Captur
 
 def _compose(verb: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     if verb == "data":
-        _parser().parse_args(words)
+        parsers.data().parse_args(words)
         return
     if verb == "run":
         asked, unknown = get_args_parser().parse_known_args(words)
