@@ -2,6 +2,7 @@
 # make test     lint, types and the test suite
 # make bench    speed of the solvers beside named alternatives
 # make validate the longer checks: published numbers on whole datasets
+# make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
 # make docs     the documentation as a site, in build/docs
 # make dist     the wheel and the source distribution, in dist/
 # make format   what lint and formatting can mend by themselves
@@ -10,7 +11,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test validate bench docs dist format clean
+.PHONY: help tables test test-server validate bench docs dist format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -38,8 +39,15 @@ bench: $(INSTALLED)
 	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
 
 validate: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray,server]'
 	$(BIN)/pytest -m slow
+
+test-server: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,server]'
+	@$(BIN)/python -c 'import sys; from tests.harness.servers import postgres_folder as p; sys.exit(p() is None)' || \
+	  { [ "$$(id -u)" = 0 ] && apt-get update --quiet && apt-get install --quiet --yes postgresql; } || \
+	  { echo "PostgreSQL's programs are not there: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
+	$(BIN)/pytest -m postgres
 
 docs: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'

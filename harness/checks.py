@@ -18,6 +18,7 @@ from urllib.parse import quote, urlsplit
 
 from datasets import sources
 from datasets.errors import DatasetError
+from harness.address import shown
 from harness.environment import cores, environment
 from harness.experiments import Settings, compose_config, read
 from harness.extensions import faults, installed
@@ -25,7 +26,7 @@ from harness.record import OK as DONE
 from harness.record import UsageError
 from harness.requirements import NOTE, OK, PROBLEM, Finding, plural
 from harness.storage import LEAST
-from harness.tracking import Tracker, shown
+from harness.tracking import Tracker
 from harness.trial import execute
 
 GB = 2**30
@@ -105,7 +106,7 @@ def store(settings: Settings) -> Iterator[Finding]:
         return
     state, remedy = PROBLEM, "see to tracking.uri; trials run without it, and 'harness sync' brings them in"
     try:
-        how = _reached(uri) if path is None else _sqlite(path)
+        how = _reached(name) if path is None else _sqlite(path)
         with tempfile.TemporaryDirectory() as other:  # nothing here is the store's
             client = Tracker(uri, Path(other)).client
             begun = time.monotonic()

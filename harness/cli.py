@@ -54,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
         return 3
     from datasets.errors import DatasetError
+    from harness.address import shown
     from harness.parsers import PARSERS
     from harness.record import UsageError
 
@@ -62,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             PARSERS[verb]().read(rest)  # which ends here, before anything slow is loaded
         return VERBS[verb](rest)
     except UsageError as error:
-        print(f"harness {verb}: {error}", file=sys.stderr)
+        print(f"harness {verb}: {shown(str(error))}", file=sys.stderr)
         return 3
     except DatasetError as error:
         print(f"harness {verb}: {error}", file=sys.stderr)
@@ -140,24 +141,27 @@ def _sync(argv: list[str]) -> int:
     from harness.tracking import Tracker
 
     settings = _settings(parsers.sync().read(argv).overrides)
-    written = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
-    print(f"{written} run{'' if written == 1 else 's'} written to {settings.tracking_uri}")
+    tracker = Tracker(settings.tracking_uri, settings.output)
+    written = tracker.sync(settings.trials)
+    print(f"{written} run{'' if written == 1 else 's'} written to {tracker.uri}")
     return 0
 
 
 def _ui(argv: list[str]) -> int:
     from harness import parsers
+    from harness.address import is_server
     from harness.tracking import Tracker
 
     given = parsers.ui().read(argv)
     settings = _settings(given.overrides)
-    if settings.tracking_uri.startswith(("http://", "https://")):
-        print(settings.tracking_uri)
+    tracker = Tracker(settings.tracking_uri, settings.output)
+    if is_server(tracker.uri):
+        print(tracker.uri)
         return 0
-    _ = Tracker(settings.tracking_uri, settings.output).client
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", settings.tracking_uri]
+    _ = tracker.client
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", tracker.uri]
     command += ["--host", given.host, "--port", str(given.port)]
-    print(f"http://{given.host}:{given.port} shows {settings.tracking_uri}; Ctrl-C stops it", flush=True)
+    print(f"http://{given.host}:{given.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
     return subprocess.call(command)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ class Settings:
 
     output: Path
     data: Path
-    tracking_uri: str
+    tracking_uri: str = field(repr=False)  # may hold a login
     missing: str = "error"
     rerun: str = "none"
     threads: int = 1

@@ -17,8 +17,9 @@ from hydra.core.override_parser.types import Override, OverrideType
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from harness.address import check as check_address
 from harness.configurations import configurations, one_line
-from harness.record import UsageError
+from harness.record import GROUPS, UsageError
 
 MISSING = "???"
 
@@ -57,12 +58,32 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
 
 
 def resolved(cfg: DictConfig) -> dict[str, Any]:
-    """A configuration as plain data, interpolations resolved; raises UsageError where a value is missing."""
+    """A configuration as plain data, interpolations resolved.
+
+    Raises
+    ------
+    UsageError
+        If a value is missing, or a secret would stand where everybody reads it, see :func:`_check_secrets`.
+    """
     try:
-        plain = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+        plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True))
     except OmegaConfBaseException as error:
         raise UsageError(f"configuration: {one_line(error)}") from None
-    return cast(dict[str, Any], plain)
+    _check_secrets(cfg, plain)
+    return plain
+
+
+def _check_secrets(cfg: DictConfig, plain: Mapping[str, Any]) -> None:
+    """Refuse variables of the environment in a trial's settings, which its record publishes, and a login written out.
+
+    Only a configuration that is not resolved yet tells.
+    """
+    written = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=False))
+    for group in GROUPS:
+        if "oc.env" in str(written.get(group)):
+            raise UsageError(f"{group} holds oc.env: a trial's record would publish it; write the value itself")
+    if (uri := plain["tracking"]["uri"]) != MISSING:
+        check_address(str(written["tracking"]["uri"]), str(uri))
 
 
 @dataclass(frozen=True)
@@ -108,6 +129,7 @@ class _Base:
             plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         except OmegaConfBaseException:
             return None
+        _check_secrets(cfg, plain)
         written = [text for _, text in _texts(OmegaConf.to_container(cfg, resolve=False)) if "${" in text]
         if any("${${" in text for text in written):
             return None
@@ -123,6 +145,8 @@ class _Base:
             for key in keys[:-1]:
                 held = held.get(key) if isinstance(held, dict) else None
             simple = isinstance(held, dict) and keys[-1] in held and not isinstance(held[keys[-1]], dict | list)
+            if keys[0] == "tracking":  # how it is written matters
+                return None
             if not simple or not _is_value(override) or self.mentioned.intersection(keys):
                 return None
             if isinstance(value, str) and ("${" in value or value == MISSING):

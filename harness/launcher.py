@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -12,6 +13,7 @@ from typing import Any
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
+from harness.address import SECRETS
 from harness.environment import cores
 from harness.experiments import Settings, configurations, launching
 from harness.record import UsageError
@@ -67,12 +69,12 @@ class Launcher:
         if self._name == BASIC:
             _threads(work, n_workers)
             return
-        if self._name == RAY:
-            _start_ray(OmegaConf.to_container(self._config.ray.init, resolve=True))
         own = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
-        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext():
+        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _untold():
+            if self._name == RAY:
+                _start_ray(OmegaConf.to_container(self._config.ray.init, resolve=True))
             hydra(["--multirun", *self._own, *own, "hydra.sweeper.params=null", *place, *task])
 
 
@@ -96,7 +98,8 @@ def _start_ray(config: Any) -> None:
     if not ray.is_initialized():
         handler = signal.getsignal(signal.SIGTERM)
         try:
-            ray.init(**{"object_store_memory": RAY_STORE} | config)
+            # a cluster that is there has its store, and Ray refuses to be told the size
+            ray.init(**({} if config.get("address") else {"object_store_memory": RAY_STORE}) | config)
         finally:
             signal.signal(signal.SIGTERM, handler)
 
@@ -109,6 +112,16 @@ def _to_itself(sign: signal.Signals) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
+
+
+@contextmanager
+def _untold() -> Iterator[None]:
+    """Keep the tracker's login from the environment of workers, which a scheduler writes down: they never need it."""
+    kept = {name: os.environ.pop(name) for name in SECRETS if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(kept)
 
 
 def _quoted(path: Path) -> str:

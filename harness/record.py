@@ -12,6 +12,9 @@ from typing import Any
 OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
 
 
+#: The groups of the configuration that make a trial.
+GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
+
 #: The number of bodies that is left to the method.
 AUTO = "auto"
 

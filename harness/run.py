@@ -8,15 +8,17 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from datetime import datetime
+from io import StringIO
 from pathlib import Path
 
 import hydra
 from hydra._internal.utils import get_args_parser
 from omegaconf import DictConfig
 
+from harness.address import is_server, shown
 from harness.experiments import Settings, expand
 from harness.follow import Follower
 from harness.isolation import start_server
@@ -56,7 +58,10 @@ def main(argv: Sequence[str]) -> int:
     if asked.config_dir:
         overrides.append(f"hydra.searchpath=[file://{Path(asked.config_dir).resolve()}]")
     if asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
-        return _hydra(list(argv))
+        with redirect_stdout(StringIO()) as said:
+            code = _hydra(list(argv))
+        print(shown(said.getvalue()), end="")
+        return code
     start_server()
     trials = expand(overrides)
     sweep = trials[0][1].sweep or _name()
@@ -168,7 +173,9 @@ def _report(follower: Follower) -> int:
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:
-        remedy = "" if "'harness sync'" in follower.trouble else ", 'harness sync' brings them in"
+        uri = shown(follower.settings.tracking_uri)
+        place = f" tracking=server tracking.uri={uri}" if is_server(uri) else ""
+        remedy = "" if "'harness sync" in follower.trouble else f", 'harness sync{place}' brings them in"
         print(f"{follower.trouble}; the trials are safe{remedy}", file=sys.stderr)
     return 2 if bad or missing or follower.trouble else 0
 

@@ -11,24 +11,25 @@ from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import numpy as np
 from filelock import FileLock
 
+from harness import address, store
 from harness.curves import thinned
 from harness.record import OK, Outcome, UsageError
 from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
-from harness.store import words
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Run
 
 EXPERIMENT = "nrsfm"
+LONGEST = 8000  # characters of a tag
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")  # a server that is away is said to be within seconds
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")  # asked again unseen, a server makes a run twice
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
 
 
@@ -47,40 +48,39 @@ class Tracker:
     Parameters
     ----------
     uri : str
-        ``sqlite:///...`` or the address of an MLflow server.
+        ``sqlite:///...`` or the address of an MLflow server, which may hold a login; the attribute ``uri`` does not.
     output : Path
         Root of everything written; holds the lock files and, for SQLite, the artifacts.
+
+    Raises
+    ------
+    UsageError
+        By every method that uses the store, if that cannot be reached or does not do as it is told.
     """
 
     def __init__(self, uri: str, output: Path) -> None:
-        self.uri = uri
+        self.uri, self._login = address.split(uri)
         self.output = output
         self._client: MlflowClient | None = None
         self._experiment = ""
 
     @property
     def client(self) -> MlflowClient:
-        """The client, with the store created and the experiment there.
-
-        Raises
-        ------
-        UsageError
-            If the store cannot be reached.
-        """
+        """The client, with the store created and the experiment there."""
         if self._client is None:
             self.output.mkdir(parents=True, exist_ok=True)
             with FileLock(self.output / ".tracker.lock"), self._in_words():
-                self._connect()
-        assert self._client is not None
+                self._client = self._connect()
         return self._client
 
-    def _connect(self) -> None:
+    def _connect(self) -> MlflowClient:
         import logging
 
         from mlflow import MlflowClient
 
         for name in ("mlflow", "alembic", "sqlalchemy"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised as well
+        os.environ.update(self._login)
         artifacts = None
         if self.uri.startswith("sqlite:///"):
             path = Path(self.uri.removeprefix("sqlite:///"))
@@ -95,7 +95,7 @@ class Tracker:
         client = MlflowClient(self.uri, registry_uri=self.uri)
         experiment = client.get_experiment_by_name(EXPERIMENT)
         self._experiment = experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT, artifacts)
-        self._client = client
+        return client
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -107,8 +107,8 @@ class Tracker:
         except Exception as error:
             if isinstance(error, OSError) and error.filename:  # a file of the output folder
                 raise
-            said = words(error) or f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-            raise UsageError(f"tracker {shown(self.uri)} cannot be used: {said}") from None
+            said = store.words(error) or address.words(error, self.uri)
+            raise UsageError(f"tracker {self.uri} cannot be used: {said}") from None
 
     def log(self, outcome: Outcome, folder: Path) -> str:
         """Write one trial, once: a whole run of the same trial and time is left alone, any other is replaced.
@@ -155,8 +155,8 @@ class Tracker:
             client.log_batch(
                 run_id,
                 metrics=points[:1000],
-                params=[Param(k, v) for k, v in flatten(outcome.parameters).items()],
-                tags=[RunTag("record", outcome.to_json()), RunTag("finished", outcome.finished)],
+                params=[Param(k, _clean(v)) for k, v in flatten(outcome.parameters).items()],
+                tags=[RunTag(k, v) for k, v in (_pieces(outcome) | {"finished": outcome.finished}).items()],
             )
             self._note(outcome, folder)
         return run_id
@@ -187,7 +187,7 @@ class Tracker:
             runs = list(chain.from_iterable(map(self._runs, wanted)))
         for run in runs:
             try:
-                outcome = Outcome.from_json(run.data.tags.get("record", ""))
+                outcome = Outcome.from_json(_record(run.data.tags))
             except ValueError:
                 continue
             if run.data.tags.get("finished") != outcome.finished:  # cut short
@@ -197,10 +197,11 @@ class Tracker:
 
     def fetch(self, run_id: str, name: str, folder: Path) -> bool:
         """Download a run's artifact into a folder; False if the store has none of that name."""
-        if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
-            return False
-        folder.mkdir(parents=True, exist_ok=True)
-        self.client.download_artifacts(run_id, name, str(folder))
+        with self._in_words():
+            if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
+                return False
+            folder.mkdir(parents=True, exist_ok=True)
+            self.client.download_artifacts(run_id, name, str(folder))
         return True
 
     def _runs(self, wanted: str) -> Iterator[Run]:
@@ -234,12 +235,6 @@ class Tracker:
         return written
 
 
-def shown(uri: str) -> str:
-    """An address without its password."""
-    parts = urlsplit(uri)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl() if "@" in parts.netloc else uri
-
-
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Nested settings as ``method.clusterer.alpha: "800.0"``."""
     flat: dict[str, str] = {}
@@ -258,9 +253,25 @@ def _tags(outcome: Outcome) -> dict[str, str]:
         "trial_key": outcome.key,
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
-        "error": outcome.error[:500],
-        **{f"env.{name}": value[:500] for name, value in outcome.environment.items()},
+        "error": _clean(outcome.error[:500]),
+        **{f"env.{name}": _clean(value[:500]) for name, value in outcome.environment.items()},
     }
+
+
+def _clean(text: str) -> str:
+    """A text that every database takes: PostgreSQL has no NUL, and nobody encodes half a surrogate pair."""
+    return text.replace("\0", "\N{REPLACEMENT CHARACTER}").encode(errors="replace").decode()
+
+
+def _pieces(outcome: Outcome) -> dict[str, str]:
+    """The record as tags, whose length is limited."""
+    text = outcome.to_json()
+    return {f"record{i or ''}": text[at : at + LONGEST] for i, at in enumerate(range(0, len(text), LONGEST))}
+
+
+def _record(tags: Mapping[str, str]) -> str:
+    """What :func:`_pieces` took apart."""
+    return "".join(tags.get(f"record{i or ''}", "") for i in range(len(tags)))
 
 
 def _curves(folder: Path) -> list[tuple[str, int, float]]:

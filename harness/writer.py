@@ -9,21 +9,25 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from harness.address import shown
 from harness.experiments import Settings
 from harness.isolation import start_process
 from harness.record import UsageError
 from harness.storage import read_record
-from harness.tracking import Tracker, shown
+from harness.tracking import Tracker
 
 PATIENCE = 5.0  # seconds before a tracker that could not be written is tried again
+SILENCE = 60.0  # seconds at the end without a trial written, after which a tracker counts as lost
+TRIES = 2  # in a row, at the end
 LIVES = 3  # of the process
 
 
 class Writer:
     """Brings trials into the tracker, in the order in which they are put, while the sweep goes on.
 
-    A tracker that is away is tried again now and then and at the end, and a writer that is killed is started again;
-    what was under way is written once, see :meth:`harness.tracking.Tracker.log`. To be used by one thread.
+    A tracker that is away is tried again now and then and at the end, with one trial, and a writer that is killed is
+    started again; what was under way is written once, see :meth:`harness.tracking.Tracker.log`. To be used by one
+    thread.
 
     Parameters
     ----------
@@ -36,9 +40,11 @@ class Writer:
         self.trouble = ""
         self._settings = settings
         self._waiting: dict[str, None] = {}  # not written yet
-        self._sent: set[str] = set()
+        self._sent: set[str] = set()  # of those, what the process is at
         self._lives = LIVES
         self._again = 0.0
+        self._heard = 0.0
+        self._failures = 0  # in a row
         self._pipe: Connection | None = None
 
     def start(self) -> None:
@@ -55,45 +61,48 @@ class Writer:
     def tend(self) -> None:
         """Take in what was written and send what may be; waits for nothing."""
         self._receive(0)
-        if self.trouble and time.monotonic() < self._again:
-            return
-        for key in [key for key in self._waiting if key not in self._sent]:
-            self._send(key)
-            if self.trouble:  # one trial to try it with
-                break
+        if self._waiting and not self._sent and time.monotonic() >= self._again:
+            self._send(list(self._waiting)[: 1 if self.trouble else None])
 
     def finish(self) -> None:
         """Wait until everything is written, or the tracker does not take it."""
-        self._again = 0.0
-        while self._waiting and self._lives:
+        self._again, self._failures, self._heard = 0.0, 0, time.monotonic()
+        while self._waiting and self._lives and self._failures < TRIES:
             self.tend()
-            if self._sent:
-                self._receive(0.5)
-            if self.trouble and not self._sent and self._again:
+            self._receive(0.5)
+            if time.monotonic() - self._heard > SILENCE:
+                self.trouble = f"tracker {shown(self._settings.tracking_uri)}: it took no trial for {SILENCE:g} s"
                 break
         if self._pipe is not None:
             self._pipe.close()
 
-    def _send(self, key: str) -> None:
+    def _send(self, keys: list[str]) -> None:
         if self._pipe is None:
             self.start()
         assert self._pipe is not None
         try:
-            self._pipe.send(key)
-            self._sent.add(key)
+            self._pipe.send(keys)
+            self._sent.update(keys)
         except OSError:
             self._lost()
 
     def _receive(self, seconds: float) -> None:
+        if self._pipe is None:
+            time.sleep(seconds)
+            return
         try:
-            while self._pipe is not None and self._pipe.poll(seconds):
-                key, trouble = self._pipe.recv()
+            while self._pipe.poll(seconds):
+                seconds = 0
+                key, self.trouble = self._pipe.recv()
+                self._heard = time.monotonic()
+                del self._waiting[key]
                 self._sent.discard(key)
-                self.trouble = trouble
-                if trouble:
+                self._failures = self._failures + 1 if self.trouble else 0
+                if self.trouble:  # then the process has put down the rest as well
+                    self._waiting[key] = None  # behind the others, should it be this trial's own fault
+                    self._sent.clear()
                     self._again = time.monotonic() + PATIENCE
-                else:
-                    self._waiting.pop(key, None)
+                    return
         except (OSError, EOFError):
             self._lost()
 
@@ -106,15 +115,18 @@ class Writer:
 
 
 def _serve(pipe: Connection, uri: str, output: Path, trials: Path) -> None:
-    """The process: keys in, what was in the way of each out; ends with whoever holds the other end."""
+    """The process: keys in, what was in the way of each out, until one fails; ends with who holds the other end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tracker = Tracker(uri, output)
     with contextlib.suppress(UsageError):
         _ = tracker.client
     with contextlib.suppress(EOFError, OSError):
         while True:
-            key = pipe.recv()
-            pipe.send((key, _write(tracker, trials / key)))
+            for key in pipe.recv():
+                trouble = _write(tracker, trials / key)
+                pipe.send((key, trouble))
+                if trouble:
+                    break
 
 
 def _write(tracker: Tracker, folder: Path) -> str:
@@ -122,9 +134,6 @@ def _write(tracker: Tracker, folder: Path) -> str:
         outcome = read_record(folder)
         if outcome is not None:
             tracker.log(outcome, folder)
-    except UsageError as error:
-        return str(error)
-    except Exception as error:
-        reason = " ".join(str(error).split())[:300]
-        return f"tracker {shown(tracker.uri)}: {type(error).__name__}: {reason}"
+    except (UsageError, OSError) as error:
+        return " ".join(str(error).split())
     return ""

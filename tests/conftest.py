@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy loads
@@ -14,6 +15,7 @@ import pytest
 
 from datasets import procedural
 from datasets.scene import Scene
+from tests.harness.servers import postgres_folder
 
 PAIRS = (
     "dance_yoga",
@@ -33,7 +35,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("data"):
                 item.add_marker(absent)
-    for name, found, wanted in (("browser", chromium(), "Chromium"), ("tex", shutil.which("pdflatex"), "pdflatex")):
+    programs = {"browser": (chromium(), "Chromium"), "tex": (shutil.which("pdflatex"), "pdflatex")}
+    programs["postgres"] = (postgres_folder() and find_spec("psycopg"), "PostgreSQL, or the extra 'server',")
+    for name, (found, wanted) in programs.items():
         for item in items:
             if not found and item.get_closest_marker(name):
                 item.add_marker(pytest.mark.skip(reason=f"{wanted} is not installed"))

@@ -29,6 +29,9 @@ PROGRAMS = (
     "git",
     "ssh",
     "ray",
+    "createuser",
+    "createdb",
+    "export",
 )
 #: Fences by language: what runs, and what is only shown.
 RUN, SHOWN = ("sh", "python"), ("text", "yaml", "toml", "json", "math", "{toctree}", "{eval-rst}")
@@ -102,7 +105,7 @@ def commands(page: str) -> list[Command]:
         if block.kind == "prose":
             found += [Command(page, line, text) for line, text in _spans(block) if not _is_mention(text)]
         elif block.kind in ("sh", "indented"):
-            for number, line in enumerate(block.lines, block.line):
+            for number, line in _joined(block):
                 for part in re.split(r"\s+&&\s+", _uncommented(line)):
                     if part and (block.kind == "sh" or part.partition(" ")[0] in PROGRAMS):
                         found.append(Command(page, number, part))
@@ -126,6 +129,21 @@ def _spans(block: Block) -> list[tuple[int, str]]:
 
 def _is_mention(text: str) -> bool:
     return text.startswith("harness ") and (text.count(" ") == 1 or bool(re.search(r"\b[A-Z]{4,}\b|\w\|\w", text)))
+
+
+def _joined(block: Block) -> list[tuple[int, str]]:
+    """A block's lines with their numbers, those that a backslash ends together with the next."""
+    found: list[tuple[int, str]] = []
+    goes_on = False
+    for number, line in enumerate(block.lines, block.line):
+        if goes_on:
+            found[-1] = (found[-1][0], found[-1][1] + line.strip())
+        else:
+            found.append((number, line))
+        goes_on = line.endswith("\\")
+        if goes_on:
+            found[-1] = (found[-1][0], found[-1][1].removesuffix("\\"))
+    return found
 
 
 def _uncommented(line: str) -> str:
@@ -168,11 +186,14 @@ class Rule:
 
 
 ANY = r"(?: .*)?"
+CLUSTER = "it needs a cluster, or a server: test_cluster.py runs it with programs that stand in for those"
 RULES = (
     # what cannot run on a test machine
     Rule(r"make \w+", never="it makes an environment of its own, or is the tests themselves"),
     Rule(r"harness data get" + ANY, never="it downloads"),
     Rule(r"harness ui" + ANY, never="it serves until it is stopped"),
+    Rule(r"harness (run|report|sync)\b.* (hydra/launcher=\w+ \S+|tracking)=.*", never=CLUSTER),
+    Rule(r"(pip install '.*'|createuser|createdb|export|mlflow)" + ANY, never=CLUSTER),
     # whole experiments: one scene of them
     Rule(r"harness run \+experiment=dense_full\w*", "dataset.points=60 dataset.frames=10 method.max_iter=5"),
     Rule(r"harness run \+experiment=dense", "dataset.points=[60,60] dataset.frames=12 method.max_iter=5"),
