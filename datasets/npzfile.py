@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from datasets.body import DatasetError, MissingData
+from datasets.limits import allowance, claim
 
-LARGEST = 2**31  # bytes of one array
+PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
@@ -33,15 +34,25 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """
     if not path.is_file():
         raise MissingData(f"{path} is not there; set NRSFM_DATA to its folder")
+    arrays: dict[str, NDArray[Any]] = {}
+    room = allowance(path)
     try:
-        with zipfile.ZipFile(path) as archive:
-            return {info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()}
-    except (OSError, EOFError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
+        with zipfile.ZipFile(path) as archive, warnings.catch_warnings(action="error"):
+            for info in archive.infolist():
+                name = info.filename.removesuffix(".npy")
+                if name in arrays:
+                    raise ValueError(f"{info.filename!a} is there twice")
+                arrays[name] = _array(archive, info, room)
+                room -= arrays[name].nbytes
+    except Exception as error:  # whatever zipfile, zlib and numpy make of damaged bytes
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise DatasetError(f"{path}: not a readable .npz file ({reason}); write or fetch it again") from None
+    return arrays
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArray[Any]:
+    if info.compress_type not in PLAIN:
+        raise ValueError(f"{info.filename!a} is compressed in another way than numpy does")
     with archive.open(info) as stream:
         version = npy.read_magic(stream)
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
@@ -51,8 +62,8 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
         size = math.prod(shape) * kind.itemsize
         if kind.hasobject:
             raise ValueError(f"{info.filename!a} holds objects")
-        if size > LARGEST or min(shape, default=0) < 0:
-            raise ValueError(f"{info.filename!a} claims {size} bytes")
+        if min(shape, default=0) < 0 or size > room:
+            raise ValueError(f"{info.filename!a} {claim(size)}")
         data = stream.read(size + 1)
     if len(data) != size:
         raise ValueError(f"{info.filename!a} does not hold as many numbers as it says")

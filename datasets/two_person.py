@@ -97,6 +97,8 @@ def _fields(
     if wrong or not people:
         what = f"{wrong[0]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
         raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
+    if odd := [key for key, X in people.items() if not np.isfinite(X).all()]:
+        raise DatasetError(f"{file}: {odd[0]!a} holds NaN or infinite values")
     whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
     if not whole or parents.min() < -1 or parents.max() >= joints:
         raise DatasetError(f"{file}: field parents does not name the joints' parents")

@@ -1,0 +1,20 @@
+"""How much memory a stranger's file may ask for: a little whatever it is, more in proportion to its size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+LARGEST = 2**31  # bytes of all arrays that are taken from one file
+SMALL = 2**26  # bytes that any file may ask for
+RATIO = 100  # bytes for each byte of the file; compressed tracks take a tenth of their size, not a hundredth
+
+
+def allowance(path: Path) -> int:
+    """Bytes that the arrays of a file may take, all together."""
+    return min(LARGEST, max(SMALL, RATIO * path.stat().st_size))
+
+
+def claim(size: int) -> str:
+    """What is said of an array that asks for more."""
+    amount = f"{size / 2**30:.0f} GiB" if size >= 2**30 else f"{size / 2**20:.0f} MiB"
+    return f"claims {amount}, more than a file of this size may; it is damaged or hostile"
