@@ -47,18 +47,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
-        print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
+        print(f"harness: {verb[:40]!a} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
         return 3
     from datasets.body import DatasetError
     from harness.record import UsageError
+    from reports.text import printable
 
     try:
         return VERBS[verb](rest)
     except UsageError as error:
-        print(f"harness {verb}: {error}", file=sys.stderr)
+        print(f"harness {verb}: {printable(error)}", file=sys.stderr)
         return 3
     except DatasetError as error:
-        print(f"harness {verb}: {error}", file=sys.stderr)
+        print(f"harness {verb}: {printable(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"harness {verb}: interrupted; what was finished is kept", file=sys.stderr)
@@ -69,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.filename is None and error.errno is None:
             raise
-        print(f"harness {verb}: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        print(f"harness {verb}: {printable(error.filename or 'output')}: {error.strerror}", file=sys.stderr)
         return 2
 
 
@@ -126,12 +127,15 @@ def _sync(argv: list[str]) -> int:
 
     parser = Parser("harness sync", description="Bring every trial record into the tracker.")
     parser.add_argument("overrides", nargs="*", help="such as output=... or tracking=server tracking.uri=...")
-    from harness.tracking import Tracker
+    from harness.tracking import Tracker, shown
+    from reports.text import printable
 
     settings = _settings(parser.read(argv).overrides)
-    written = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
-    print(f"{written} run{'' if written == 1 else 's'} written to {settings.tracking_uri}")
-    return 0
+    written, trouble = Tracker(settings.tracking_uri, settings.output).sync(settings.trials)
+    print(f"{written} run{'' if written == 1 else 's'} written to {shown(settings.tracking_uri)}")
+    for line in trouble:
+        print(f"harness sync: {printable(line)}", file=sys.stderr)
+    return 2 if trouble else 0
 
 
 def _ui(argv: list[str]) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from harness.storage import write_atomically
 
+LARGEST = 1 << 16  # bytes of the file
 SECONDS, LOG_SECONDS = 0.5, 10.0  # between two writes of the file, and of a line in the trial's log
 
 
@@ -55,6 +56,10 @@ def steps(output: Path, sweep: str) -> Iterator[tuple[str, Step]]:
     """Key and step of every trial that is at work."""
     for path in sorted((output / "sweeps" / sweep / "running").glob("*.json")):
         try:
-            yield path.stem, Step(**json.loads(path.read_text()))
-        except (OSError, ValueError, TypeError):  # it ended in this moment
+            step = Step(**json.loads(path.read_bytes()[:LARGEST]))
+            _ = step.words
+            whole = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # it ended in this moment, or is none
             continue
+        if whole:
+            yield path.stem, step

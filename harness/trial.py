@@ -18,7 +18,7 @@ from harness import storage
 from harness.environment import COMPUTES, environment
 from harness.experiments import Settings
 from harness.isolation import Stopped, run_isolated
-from harness.record import ABSENT, FAILED, OK, Outcome, Trial
+from harness.record import ABSENT, FAILED, OK, STATUSES, Outcome, Trial
 from harness.running import place
 from methods.base import MethodError
 from methods.registry import build_method, version
@@ -179,7 +179,7 @@ def journal(output: Path, sweep: str) -> Path:
 
 
 def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
-    """Whole lines of a journal from a byte offset on, each with the offset behind it."""
+    """Whole lines of a journal from a byte offset on, each with the offset behind it; other lines are passed over."""
     if not path.is_file():
         return
     with path.open("rb") as stream:
@@ -188,7 +188,17 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
             if not line.endswith(b"\n"):
                 return
             start += len(line)
-            yield Entry(**json.loads(line)), start
+            if entry := _entry(line):
+                yield entry, start
+
+
+def _entry(line: bytes) -> Entry | None:
+    try:
+        found = Entry(**json.loads(line))
+    except (ValueError, TypeError, RecursionError):
+        return None
+    texts = all(type(text) is str for text in (found.key, found.title, found.status))
+    return found if texts and type(found.ran) is bool and found.status in STATUSES else None
 
 
 def _blank(trial: Trial, key: str, sweep: str) -> Outcome:
