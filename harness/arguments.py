@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from reports.text import printable
+
 
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose epilog keeps its lines and whose errors are one line and exit code 3."""
@@ -17,7 +19,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message}; see '{self.prog} --help'", file=sys.stderr)
+        print(f"{self.prog}: {printable(message)}; see '{self.prog} --help'", file=sys.stderr)
         raise SystemExit(3)
 
     def read(self, argv: Sequence[str]) -> argparse.Namespace:

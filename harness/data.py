@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from datasets import sources
 from datasets.body import DatasetError
+from reports.text import printable
 
 OK, FAILED, USAGE = 0, 2, 3
 
@@ -96,7 +97,7 @@ def main(argv: Sequence[str], folder: Path) -> int:
 
 
 def _say(line: str, code: int) -> int:
-    print(line, file=sys.stderr)
+    print(printable(line), file=sys.stderr)
     return code
 
 

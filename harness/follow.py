@@ -27,6 +27,7 @@ from harness.storage import read_record
 from harness.tracking import Tracker
 from harness.trial import Entry, entries, journal
 from harness.writer import Writer
+from reports.text import printable
 
 
 class Follower:
@@ -112,7 +113,10 @@ class Follower:
             if key not in self._bars:
                 self._bars[key] = self._progress.add_task("")
             self._progress.update(
-                self._bars[key], total=step.iterations, completed=step.iteration, description=escape(step.words)
+                self._bars[key],
+                total=step.iterations,
+                completed=step.iteration,
+                description=escape(printable(step.words, 200)),
             )
 
     @property
@@ -161,10 +165,6 @@ class Follower:
             words.append(f"wrong {outcome.metrics['n_wrong']:.0f}/{outcome.n_points}")
         words.append(outcome.error)
         mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
-        self._console.print(
-            f"[{len(self.entries)}/{len(self.titles)}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
-            + ("" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"),
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        said = f"[{len(self.entries)}/{len(self.titles)}] {mark}{entry.title}: {'  '.join(w for w in words if w)} "
+        said += "" if outcome.seconds is None else f"({outcome.seconds:.1f} s)"
+        self._console.print(printable(said), markup=False, highlight=False, soft_wrap=True)

@@ -20,6 +20,7 @@ from harness.storage import read_record
 from harness.trial import identify
 from methods.base import Method, MethodError
 from methods.registry import build_method
+from reports.text import printable
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,10 @@ def main(argv: Sequence[str]) -> int:
                     memory = max(memory, 1024 * item.foreseen_gb)
                     expected += f", {1024 * item.foreseen_gb:.0f} MB"
         elif item.outcome is not None:
-            expected = escape(item.outcome.error)
+            expected = escape(printable(item.outcome.error))
         else:
-            expected = escape(item.reason)
-        table.add_row(escape(item.trial.title), item.state, expected)
+            expected = escape(printable(item.reason))
+        table.add_row(escape(printable(item.trial.title)), item.state, expected)
     console = Console(soft_wrap=False)
     console.print(table)
     count = {state: sum(i.state == state for i in planned) for state in dict.fromkeys(i.state for i in planned)}

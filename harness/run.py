@@ -25,6 +25,7 @@ from harness.record import OK, UsageError
 from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
+from reports.text import printable
 
 ATTEMPTS = 3  # in a row that may end early without a trial done
 
@@ -77,7 +78,7 @@ def main(argv: Sequence[str]) -> int:
     with _interruptible(), Follower(settings, titles, jobs.keys() - missing().keys()) as follower:
         trouble = _carry_out(missing, settings, launcher, begun)
     if trouble:
-        print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
+        print(f"harness run: {printable(trouble)}; start it again to run the rest", file=sys.stderr)
     if len(jobs) > 1 or asked.multirun:
         _show(overrides)
     return _report(follower)
@@ -161,7 +162,7 @@ def _report(follower: Follower) -> int:
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
     if follower.trouble:
-        print(f"{follower.trouble}; the trials are safe, 'harness sync' brings them in", file=sys.stderr)
+        print(f"{printable(follower.trouble)}; the trials are safe, 'harness sync' brings them in", file=sys.stderr)
     return 2 if bad or missing or follower.trouble else 0
 
 
