@@ -52,5 +52,5 @@ def read_mat73(path: Path, names: Sequence[str]) -> tuple[dict[str, Array], list
     except Unwanted as error:
         raise DatasetError(f"{path}: {error}") from None
     except Damaged as error:
-        raise DatasetError(f"{path}: not a readable MATLAB file ({error}); fetch it again") from None
+        raise DatasetError(f"{path}: not a readable MATLAB file ({error}); write or fetch it again") from None
     return {name: stored[f"={name}"] for name in names if f"={name}" in stored}, stored["held"].tolist()

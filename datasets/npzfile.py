@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 import zipfile
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ from datasets.limits import allowance, claim
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
 
 
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Every array of an .npz file.
+def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file.
 
     Parameters
     ----------
     path : Path
+    names : collection of str, optional
+        Those that are read where they are there; all by default.
 
     Raises
     ------
@@ -40,10 +43,12 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         with zipfile.ZipFile(path) as archive, warnings.catch_warnings(action="error"):
             for info in archive.infolist():
                 name = info.filename.removesuffix(".npy")
+                if names is not None and name not in names:
+                    continue
                 if name in arrays:
                     raise ValueError(f"{info.filename!a} is there twice")
                 arrays[name] = _array(archive, info, room)
-                room -= arrays[name].nbytes
+                room -= max(arrays[name].nbytes, 8 * arrays[name].size)
     except Exception as error:  # whatever zipfile, zlib and numpy make of damaged bytes
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise DatasetError(f"{path}: not a readable .npz file ({reason}); write or fetch it again") from None
@@ -60,10 +65,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArra
             raise ValueError(f"{info.filename!a} is of an unknown version")
         shape, fortran, kind = read(stream)
         size = math.prod(shape) * kind.itemsize
+        numbers = 8 * math.prod(shape)  # in double precision
         if kind.hasobject:
             raise ValueError(f"{info.filename!a} holds objects")
-        if min(shape, default=0) < 0 or size > room:
-            raise ValueError(f"{info.filename!a} {claim(size)}")
+        if min(shape, default=0) < 0 or max(size, numbers) > room:
+            raise ValueError(f"{info.filename!a} {claim(max(size, numbers))}")
         data = stream.read(size + 1)
     if len(data) != size:
         raise ValueError(f"{info.filename!a} does not hold as many numbers as it says")

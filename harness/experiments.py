@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from datasets.gaps import KINDS
+from datasets.tracks import title
 from harness.extensions import Configurations
 from harness.record import AUTO, Trial, UsageError
 
@@ -148,7 +149,8 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
         bodies = dataset.get("bodies")
         if "bodies" in dataset and not (isinstance(bodies, list) and bodies):
             raise UsageError(f"dataset.bodies is {bodies!r}, wanted a list such as [dance,yoga]")
-        dataset["name"] = "_".join(map(str, bodies)) if bodies else dataset.get("source")
+        file = dataset.get("file") if dataset.get("source") == "tracks" else None
+        dataset["name"] = "_".join(map(str, bodies)) if bodies else title(file) if file else dataset.get("source")
     for group, value in (("dataset", dataset.get("name")), ("method", method.get("name"))):
         if not (isinstance(value, str) and re.fullmatch(NAME, value)):
             raise UsageError(f"{group}.name is {value!r}, wanted letters, digits and . _ + -")
