@@ -14,6 +14,12 @@ def allowance(path: Path) -> int:
     return min(LARGEST, max(SMALL, RATIO * path.stat().st_size))
 
 
+def reason(error: Exception) -> str:
+    """What an error says, in one line of 200 characters that print; its kind where it says nothing."""
+    text = "".join(c if c.isprintable() else " " for c in str(error))
+    return " ".join(text.split())[:200] or type(error).__name__
+
+
 def claim(size: int) -> str:
     """What is said of an array that asks for more."""
     amount = f"{size / 2**30:.0f} GiB" if size >= 2**30 else f"{size / 2**20:.0f} MiB"

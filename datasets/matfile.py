@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.body import Array, DatasetError, MissingData
-from datasets.limits import LARGEST, allowance, claim
+from datasets.limits import LARGEST, allowance, claim, reason
 from datasets.matfile73 import is_mat73, read_mat73
 
 HEAD = 4096  # bytes that hold an array's class, size and name
@@ -67,9 +67,8 @@ def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> 
     try:
         arrays, found = (read_mat73 if is_mat73(path) else _read)(path, wanted)
     except (OSError, zlib.error, _Damaged) as error:
-        reason = " ".join(str(error).split())[:200]
         raise DatasetError(
-            f"{path}: not a readable MATLAB file ({reason}); write it again, or fetch it with 'harness data get'"
+            f"{path}: not a readable MATLAB file ({reason(error)}); write it again, or fetch it with 'harness data get'"
         ) from None
     for name in names:
         if name not in arrays:

@@ -14,7 +14,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from datasets.body import DatasetError, MissingData
-from datasets.limits import allowance, claim
+from datasets.limits import allowance, claim, reason
 
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
 
@@ -50,8 +50,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
                 arrays[name] = _array(archive, info, room)
                 room -= max(arrays[name].nbytes, 8 * arrays[name].size)
     except Exception as error:  # whatever zipfile, zlib and numpy make of damaged bytes
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise DatasetError(f"{path}: not a readable .npz file ({reason}); write or fetch it again") from None
+        raise DatasetError(f"{path}: not a readable .npz file ({reason(error)}); write or fetch it again") from None
     return arrays
 
 
