@@ -106,7 +106,7 @@ def _frames(
     """(F, rows, columns), also of (rows F, columns)."""
     value, shape = _numbers(path, name, value), value.shape
     if value.ndim == 2 and value.shape[0] % rows == 0:
-        value = value.reshape(-1, rows, value.shape[1])
+        value = value.reshape(value.shape[0] // rows, rows, value.shape[1])
     sizes = [("F" if frames is None else frames), rows, ("P" if columns is None else columns)]
     fits = value.ndim == 3 and all(
         isinstance(want, str) or got == want for want, got in zip(sizes, value.shape, strict=True)

@@ -14,6 +14,7 @@ from datasets import apart
 from datasets.body import DatasetError
 from datasets.limits import RATIO, SMALL, allowance
 from datasets.matfile import read_mat
+from datasets.tracks import load_tracks
 from tests.fuzz import files
 
 ONE = files.matrix5("S", (1, 1), np.ones(1).tobytes())
@@ -120,3 +121,10 @@ def test_a_list_that_leads_back_to_itself_ends(tmp_path: Path, monkeypatch: pyte
     content[place] = 24
     monkeypatch.setattr(apart, "BASE_BYTES", 2**28)
     assert "Link iteration failed" in complaint(tmp_path / "a.mat", bytes(content))
+
+
+def test_tracks_of_no_points(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    path.write_bytes(files.mat4({"W": np.zeros((14, 0))}))
+    with pytest.raises(DatasetError, match=r"a\.mat"):
+        load_tracks(path)
