@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from datasets.body import Body, DatasetError, MissingData
 from datasets.npzfile import read_npz
 from datasets.scene import Scene, captured
-from datasets.sources import sha256
+from datasets.sources import check_name, sha256
 from datasets.thinning import Thinning
 
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
@@ -29,6 +29,7 @@ HINT = (
 
 def path(folder: Path, take: str) -> Path:
     """The file of a take, ``two_person/TAKE.npz``; raises MissingData if it is not there."""
+    check_name("take", take)
     file = folder / "two_person" / f"{take}.npz"
     if not file.is_file():
         raise MissingData(f"{file} is not there; {HINT}")

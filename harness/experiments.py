@@ -16,7 +16,7 @@ from hydra import compose, initialize_config_module
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType
+from hydra.core.override_parser.types import ChoiceSweep, Override, OverrideType, RangeSweep
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
@@ -27,11 +27,14 @@ from datasets.gaps import KINDS
 from datasets.tracks import title
 from harness.extensions import Configurations
 from harness.record import AUTO, Trial, UsageError
+from reports.text import printable
 
 MISSING = ("error", "stand_in")
 RERUN = ("none", "failed", "stale", "all")
+GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
 LIMITS = ("seconds", "memory_gb", "sweep_seconds")
-NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
+NAME = r"(?!\.+$)[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
+MOST = 100_000  # trials of a sweep
 
 
 Plugins.instance().register(Configurations)
@@ -91,6 +94,7 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     UsageError
         If a value is missing or of the wrong kind.
     """
+    _check_environment(cfg)
     try:
         plain = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
@@ -131,6 +135,13 @@ def read(cfg: DictConfig) -> tuple[Trial, Settings]:
     )
 
 
+def _check_environment(cfg: DictConfig) -> None:
+    """Raise UsageError if a trial's own settings, which its record publishes, hold a variable of the environment."""
+    for group in GROUPS:
+        if "oc.env" in str(OmegaConf.to_container(cfg, resolve=False).get(group)):  # type: ignore[union-attr]
+            raise UsageError(f"{group} holds oc.env: a trial's record would publish it; write the value itself")
+
+
 def tracking_uri(plain: Mapping[str, Any]) -> str:
     """The tracker's address; a SQLite file's path made absolute."""
     uri = str(plain["tracking"]["uri"])
@@ -141,7 +152,7 @@ def tracking_uri(plain: Mapping[str, Any]) -> str:
 
 def trial_of(plain: Mapping[str, Any]) -> Trial:
     """The Trial of a resolved configuration; raises UsageError on values that no trial can have."""
-    for group in ("dataset", "method", "cameras", "noise", "gaps"):
+    for group in GROUPS:
         if not isinstance(plain.get(group), Mapping):
             raise UsageError(f"{group} is {plain.get(group)!r}, wanted one of its choices; see 'harness list'")
     dataset, method = dict(plain["dataset"]), dict(plain["method"])
@@ -196,7 +207,7 @@ def one_line(error: BaseException) -> str:
     """An error's message on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(lines[:12]) if lines else type(error).__name__
-    return text.replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
+    return printable(text).replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
 
 
 @contextmanager
@@ -240,6 +251,7 @@ def spanned(overrides: Sequence[str]) -> list[list[str]]:
         keys = {o.key_or_group for o in parser.parse_overrides(list(overrides))}
         words = [*(f"{key}={value}" for key, value in own.items() if key not in keys), *overrides]
         everything = parser.parse_overrides(words)
+        _check_number(everything)
         for override in everything:
             if override.is_sweep_override():
                 _check_choices(override)
@@ -253,6 +265,20 @@ def launching(overrides: Sequence[str]) -> list[str]:
         parsed = OverridesParser.create().parse_overrides(list(overrides))
     own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
     return [str(o.input_line) for o in own if not o.is_sweep_override()]
+
+
+def _check_number(overrides: Iterable[Override]) -> None:
+    """Raise UsageError, before any list is made, if a sweep would have no end or more trials than can be meant."""
+    total = 1.0
+    for override in overrides:
+        swept = override.value()
+        if isinstance(swept, RangeSweep):
+            first, last, step = (float(n or 0) for n in (swept.start, swept.stop, swept.step))
+            total *= max(1.0, (last - first) / step) if step else float("inf")
+        elif isinstance(swept, ChoiceSweep):
+            total *= max(1, len(swept.list))
+        if not total <= MOST:
+            raise UsageError(f"{override.key_or_group} makes more than {MOST} trials; narrow its values")
 
 
 def _check_choices(override: Override) -> None:
