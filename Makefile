@@ -2,13 +2,14 @@
 # make test     lint, types and the test suite
 # make bench    speed of the solvers beside named alternatives
 # make validate the longer checks: published numbers on whole datasets
+# make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test validate bench format clean
+.PHONY: help tables test validate bench fuzz format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -38,6 +39,14 @@ bench: $(INSTALLED)
 validate: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray]'
 	$(BIN)/pytest -m slow
+
+FUZZ_EXAMPLES ?= 1000
+FUZZ_SECONDS ?= 60
+
+fuzz: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]'
+	FUZZ_EXAMPLES=$(FUZZ_EXAMPLES) $(BIN)/pytest tests/fuzz --numprocesses=0
+	FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m tests.fuzz.coverage
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
