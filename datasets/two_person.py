@@ -91,15 +91,17 @@ def _fields(
     """Names, parents and the time step, once they fit the people's joints."""
     for key in ("names", "parents", "dt"):
         if key not in held:
-            raise DatasetError(f"{file}: field {key} is missing (the file holds {', '.join(map(ascii, held))})")
+            raise DatasetError(
+                f"{file}: field {key} is missing (the file holds {', '.join(ascii(name[:40]) for name in list(held)[:20])})"
+            )
     names, parents, dt = held["names"], held["parents"], held["dt"]
     joints = names.shape[0] if names.ndim == 1 else 0
     wrong = [key for key, X in people.items() if X.shape[1:] != (joints, 3) or X.dtype.kind != "f"]
     if wrong or not people:
-        what = f"{wrong[0]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
+        what = f"{wrong[0][:40]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
         raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
     if odd := [key for key, X in people.items() if not np.isfinite(X).all()]:
-        raise DatasetError(f"{file}: {odd[0]!a} holds NaN or infinite values")
+        raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values")
     whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
     if not whole or parents.min() < -1 or parents.max() >= joints:
         raise DatasetError(f"{file}: field parents does not name the joints' parents")

@@ -65,6 +65,7 @@ def test_absent(tmp_path: Path) -> None:
     ("changes", "said"),
     [
         ({"names": None}, "field names is missing"),
+        ({"x" * 5000: np.zeros((0, 0, 0))}, "'x{40}' has shape"),
         ({"dt": np.array(0.0)}, "field dt"),
         ({"dt": np.array("x")}, "field dt"),
         ({"parents": np.array([-1, 0, 1, 2, 2, 6])}, "field parents"),

@@ -23,7 +23,7 @@ from tests.fuzz.readers import READERS, refused, seeds
 from tests.fuzz.strategies import MADE, changed_json
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "0"))
-FEW = {"apart": 3, "override": 4, "method_yaml": 4}
+FEW = {"apart": 2, "override": 2, "method_yaml": 2}
 SECONDS = 20  # of one file; the fuzz suite runs beside others
 UNNOTICED = 2**25  # bytes that Python takes whatever it reads
 
