@@ -92,7 +92,8 @@ def _fields(
     for key in ("names", "parents", "dt"):
         if key not in held:
             raise DatasetError(
-                f"{file}: field {key} is missing (the file holds {', '.join(ascii(name[:40]) for name in list(held)[:20])})"
+            known = ", ".join(ascii(name[:40]) for name in list(held)[:20])
+            raise DatasetError(f"{file}: field {key} is missing (the file holds {known})")
             )
     names, parents, dt = held["names"], held["parents"], held["dt"]
     joints = names.shape[0] if names.ndim == 1 else 0
