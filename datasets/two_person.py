@@ -91,10 +91,8 @@ def _fields(
     """Names, parents and the time step, once they fit the people's joints."""
     for key in ("names", "parents", "dt"):
         if key not in held:
-            raise DatasetError(
             known = ", ".join(ascii(name[:40]) for name in list(held)[:20])
             raise DatasetError(f"{file}: field {key} is missing (the file holds {known})")
-            )
     names, parents, dt = held["names"], held["parents"], held["dt"]
     joints = names.shape[0] if names.ndim == 1 else 0
     wrong = [key for key, X in people.items() if X.shape[1:] != (joints, 3) or X.dtype.kind != "f"]
