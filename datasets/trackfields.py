@@ -157,6 +157,7 @@ def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[
             "out"
         )
     value = value.reshape(-1)
+    value = value.astype(float) if value.dtype.kind == "f" else value  # 2^53 is no number of half precision
     if value.dtype.kind == "f" and not ((np.abs(value) < 2**53) & (value == np.trunc(value))).all():
         raise DatasetError(f"{path}: field {name} holds NaN or fractions; wanted whole numbers, or leave it out")
     return named(path, name, [f"{v:.0f}" if isinstance(v, float) else str(v) for v in value.tolist()])

@@ -128,3 +128,11 @@ def test_tracks_of_no_points(tmp_path: Path) -> None:
     path.write_bytes(files.mat4({"W": np.zeros((14, 0))}))
     with pytest.raises(DatasetError, match=r"a\.mat"):
         load_tracks(path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_labels_in_half_precision(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    tracks = files.rng().standard_normal((files.F, 2, files.P))
+    path.write_bytes(files.npz({"tracks": tracks, "labels": np.array([0, 0, 0, 1, 1, 1], dtype="f2")}))
+    assert load_tracks(path).bodies == ("0", "1")
