@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+HUGE = 1e100  # no coordinate is as large; squares of larger ones are infinite
 LARGEST = 2**31  # bytes of all arrays that are taken from one file
 SMALL = 2**26  # bytes that any file may ask for
 RATIO = 100  # bytes for each byte of the file; compressed tracks take a tenth of their size, not a hundredth

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.body import Body, DatasetError, MissingData
+from datasets.limits import HUGE
 from datasets.npzfile import read_npz
 from datasets.scene import Scene, captured
 from datasets.sources import check_name, sha256
@@ -99,8 +100,8 @@ def _fields(
     if wrong or not people:
         what = f"{wrong[0][:40]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
         raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
-    if odd := [key for key, X in people.items() if not np.isfinite(X).all()]:
-        raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values")
+    if odd := [key for key, X in people.items() if not (np.abs(X) < HUGE).all()]:
+        raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values, or numbers above {HUGE:g}")
     whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
     if not whole or parents.min() < -1 or parents.max() >= joints:
         raise DatasetError(f"{file}: field parents does not name the joints' parents")

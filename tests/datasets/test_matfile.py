@@ -136,3 +136,14 @@ def test_labels_in_half_precision(tmp_path: Path) -> None:
     tracks = files.rng().standard_normal((files.F, 2, files.P))
     path.write_bytes(files.npz({"tracks": tracks, "labels": np.array([0, 0, 0, 1, 1, 1], dtype="f2")}))
     assert load_tracks(path).bodies == ("0", "1")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("field", ["tracks", "structure"])
+def test_numbers_whose_squares_are_none(tmp_path: Path, field: str) -> None:
+    S = files.rng().standard_normal((files.F, 3, files.P))
+    held = {"tracks": S[:, :2].copy(), "structure": S}
+    held[field][0, 0, 0] = 1e308
+    (tmp_path / "a.npz").write_bytes(files.npz(held))
+    with pytest.raises(DatasetError, match=r"a\.npz: it holds numbers above 1e\+100"):
+        load_tracks(tmp_path / "a.npz")
