@@ -100,7 +100,7 @@ def _fields(
     if wrong or not people:
         what = f"{wrong[0][:40]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
         raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
-    if odd := [key for key, X in people.items() if not (np.abs(X) < HUGE).all()]:
+    if odd := [key for key, X in people.items() if not (np.abs(X.astype(float)) < HUGE).all()]:
         raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values, or numbers above {HUGE:g}")
     whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
     if not whole or parents.min() < -1 or parents.max() >= joints:

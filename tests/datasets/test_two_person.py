@@ -75,7 +75,7 @@ def test_absent(tmp_path: Path) -> None:
         ({"lead": np.zeros((F + 1, J, 3))}, "wanted one shape"),
         ({"lead": None, "follow": None}, "it holds no person"),
         ({"lead": np.zeros((4, J, 3)), "follow": np.zeros((4, J, 3))}, "wanted one shape"),
-        ({"lead": np.full((F, J, 3), np.nan)}, "pair.npz: 'lead' holds NaN"),
+        ({"lead": np.full((F, J, 3), np.nan, dtype="f2")}, "pair.npz: 'lead' holds NaN"),
         ({"names": np.array([{}] * J, dtype=object)}, "names.npy' holds objects"),
     ],
 )
