@@ -5,13 +5,14 @@
 # make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
 # make docs     the documentation as a site, in build/docs
 # make dist     the wheel and the source distribution, in dist/
+# make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test test-server validate bench docs dist format clean
+.PHONY: help tables test test-server validate bench fuzz docs dist format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -48,6 +49,14 @@ test-server: $(INSTALLED)
 	  { [ "$$(id -u)" = 0 ] && apt-get update --quiet && apt-get install --quiet --yes postgresql; } || \
 	  { echo "PostgreSQL's programs are not there: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
 	$(BIN)/pytest -m postgres
+
+FUZZ_EXAMPLES ?= 1000
+FUZZ_SECONDS ?= 60
+
+fuzz: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]'
+	FUZZ_EXAMPLES=$(FUZZ_EXAMPLES) $(BIN)/pytest tests/fuzz --numprocesses=0
+	FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m tests.fuzz.coverage
 
 docs: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'

@@ -1,6 +1,6 @@
 """C3D files from strangers: sizes checked before memory is taken, one clear line when something is off.
 
-ezc3d does the reading, in a process of its own with limits (:mod:`datasets.c3dchild`): damaged files end or hang it.
+ezc3d does the reading, in a process of its own with limits (:mod:`datasets.apart`): damaged files end or hang it.
 
 References
 ----------
@@ -11,24 +11,19 @@ JOSS 2021.
 from __future__ import annotations
 
 import importlib.util
-import signal
 import struct
-import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from datasets import c3dchild
+from datasets.apart import Damaged, read_apart
 from datasets.body import Array, DatasetError, MissingData, observed
 
 LARGEST = 20_000_000  # positions in one file
 BLOCK = 512
 INTEL, DEC = 84, 85
-SECONDS_AND_PER_MB = (5, 1)  # of processor time; reading takes a twentieth of it
-BASE_BYTES, BYTES_A_POSITION = 2**30, 512  # of memory
+BYTES_A_POSITION = 512  # of memory
 
 
 @dataclass(frozen=True)
@@ -73,16 +68,16 @@ def read_c3d(path: Path) -> Markers:
         raise DatasetError("C3D files are read with ezc3d, which is not installed; pip install 'nrsfm-harness[umpm]'")
     try:
         frames, points, first = _header(path)
-        stored = _read(path, frames * points)
+        stored = read_apart("c3d", path, BYTES_A_POSITION * frames * points)
         if stored["points"].shape != (frames, 3, points):
             found, _, held = stored["points"].shape
-            raise _Damaged(f"its header tells of {frames} frames of {points} points, {found} of {held} were found")
+            raise Damaged(f"its header tells of {frames} frames of {points} points, {found} of {held} were found")
         if len(stored["labels"]) < points:
-            raise _Damaged(f"it holds {points} points and {len(stored['labels'])} labels")
+            raise Damaged(f"it holds {points} points and {len(stored['labels'])} labels")
         rate = float(stored["rate"])
         if not 0 < rate < np.inf:
-            raise _Damaged(f"its rate is {rate:g} frames a second")
-    except (OSError, _Damaged) as error:
+            raise Damaged(f"its rate is {rate:g} frames a second")
+    except (OSError, Damaged) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(f"{path}: not a readable C3D file ({reason}); export or fetch it again") from None
     P = stored["points"]
@@ -91,54 +86,30 @@ def read_c3d(path: Path) -> Markers:
     return Markers(labels, np.where(unseen[:, None], np.nan, P), rate, first, str(stored["unit"]))
 
 
-class _Damaged(Exception):
-    """What is wrong, in a few words."""
-
-
 def _header(path: Path) -> tuple[int, int, int]:
     """Frames, points a frame and the first frame's number, once the file is long enough to hold them."""
     size = path.stat().st_size
     with path.open("rb") as stream:
         head = stream.read(BLOCK)
         if len(head) < BLOCK or head[1] != 0x50:
-            raise _Damaged("its head is not that of a C3D file")
+            raise Damaged("its head is not that of a C3D file")
         stream.seek((head[0] - 1) * BLOCK if head[0] else size)
         section = stream.read(4)
     if len(section) < 4:
-        raise _Damaged("its parameters are not there")
+        raise Damaged("its parameters are not there")
     if section[3] not in (INTEL, DEC):
-        raise _Damaged(f"its numbers are of kind {section[3]}, of which 84 (Intel) and 85 (DEC) can be read")
+        raise Damaged(f"its numbers are of kind {section[3]}, of which 84 (Intel) and 85 (DEC) can be read")
     points, analog, first, last = struct.unpack_from("<4H", head, 2)
     (start,) = struct.unpack_from("<H", head, 16)
     as_float = head[15 if section[3] == INTEL else 13] & 0x80  # a negative scale
     frames = last - first + 1
     if points == 0:
-        raise _Damaged("it holds no points")
+        raise Damaged("it holds no points")
     if frames < 1 or start <= head[0]:
-        raise _Damaged(f"its header tells of frames {first} to {last}, from block {start} on")
+        raise Damaged(f"its header tells of frames {first} to {last}, from block {start} on")
     if frames * points > LARGEST:
-        raise _Damaged(f"it holds {frames * points} positions, more than {LARGEST}; cut it into shorter takes")
+        raise Damaged(f"it holds {frames * points} positions, more than {LARGEST}; cut it into shorter takes")
     lacking = (start - 1) * BLOCK + frames * (4 * points + analog) * (4 if as_float else 2) - size
     if lacking > 0:
-        raise _Damaged(f"it is cut short: {lacking} bytes of {frames} frames of {points} points are not there")
+        raise Damaged(f"it is cut short: {lacking} bytes of {frames} frames of {points} points are not there")
     return frames, points, first
-
-
-def _read(path: Path, positions: int) -> dict[str, np.ndarray]:
-    seconds = SECONDS_AND_PER_MB[0] + SECONDS_AND_PER_MB[1] * path.stat().st_size // 2**20
-    memory = BASE_BYTES + BYTES_A_POSITION * positions
-    with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder) / "points.npz"
-        command = [sys.executable, "-P", c3dchild.__file__, str(path), str(result), str(seconds), str(memory)]
-        try:
-            ended = subprocess.run(command, capture_output=True, timeout=20 * seconds, check=False)
-        except subprocess.TimeoutExpired:
-            raise _Damaged("reading it took too long") from None
-        if ended.returncode < 0:
-            late = -ended.returncode in (signal.SIGXCPU, signal.SIGKILL)
-            raise _Damaged("reading it took too long" if late else f"reading it ended with signal {-ended.returncode}")
-        if ended.returncode:
-            said = ended.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
-            raise _Damaged(ascii(said[-1])[1:-1][:200])
-        with np.load(result, allow_pickle=False) as stored:
-            return dict(stored)

@@ -71,6 +71,12 @@ def load_scene(folder: Path, scene: str) -> Scene:
     x, s = fields["x"], fields["s"]
     if x.ndim != 3 or x.shape[0] != 3 or s.shape != (x.shape[1], 1):
         raise DatasetError(f"{file}: x has shape {x.shape} and s {s.shape}, wanted (3, P, F) and (P, 1)")
+    if not np.isfinite(x).all():
+        _, point, frame = np.argwhere(~np.isfinite(x))[0]
+        raise DatasetError(
+            f"{file}: field x holds NaN or infinite values (first: frame {frame}, point {point}); fetch it with "
+            "'harness data get hopkins155'"
+        )
     motions, labels = np.unique(s, return_inverse=True)
     if not np.array_equal(motions, np.arange(1, len(motions) + 1)):
         raise DatasetError(f"{file}: field s does not hold the labels 1, 2, ...")

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.body import Array, DatasetError, MissingData
+from datasets.limits import LARGEST, allowance, claim, reason
 from datasets.matfile73 import is_mat73, read_mat73
 
-LARGEST = 2**31  # bytes of one array
 HEAD = 4096  # bytes that hold an array's class, size and name
 MATRIX, COMPRESSED = 14, 15
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -65,15 +65,14 @@ def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> 
         raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
     wanted = [*names, *optional]
     try:
-        arrays, found = read_mat73(path, wanted, LARGEST) if is_mat73(path) else _read(path, wanted)
+        arrays, found = (read_mat73 if is_mat73(path) else _read)(path, wanted)
     except (OSError, zlib.error, _Damaged) as error:
-        reason = " ".join(str(error).split())
         raise DatasetError(
-            f"{path}: not a readable MATLAB file ({reason}); write it again, or fetch it with 'harness data get'"
+            f"{path}: not a readable MATLAB file ({reason(error)}); write it again, or fetch it with 'harness data get'"
         ) from None
     for name in names:
         if name not in arrays:
-            held = ", ".join(ascii(name)[1:-1] for name in found[:20]) or "nothing"
+            held = ", ".join(ascii(name[:40])[1:-1] for name in found[:20]) or "nothing"
             raise DatasetError(f"{path}: field {name} is missing (the file holds {held}); is it the right file?")
     return arrays
 
@@ -82,19 +81,28 @@ def _read(path: Path, names: Sequence[str]) -> tuple[dict[str, Array], list[str]
     """Those of the wanted arrays that a file of version 4 or 5 holds, and the names of all that it holds."""
     found: list[str] = []
     arrays: dict[str, Array] = {}
+    room = allowance(path)
+    if path.stat().st_size > 2 * LARGEST:
+        raise _Damaged(f"it is larger than {2 * LARGEST >> 30} GiB")
     for field in _fields(memoryview(path.read_bytes())):
         found.append(field.name)
         if field.name not in names:
             continue
-        if field.size > LARGEST:
-            claim = f"claims {field.size / 2**30:.0f} GiB"
-            raise DatasetError(f"{path}: field {field.name} {claim}; the file is damaged or hostile")
+        if field.name in arrays:
+            raise _Damaged(f"field {field.name} is there twice")
+        if field.size > room:
+            raise DatasetError(f"{path}: field {field.name} {claim(field.size)}")
         if field.kind:
             raise DatasetError(f"{path}: field {field.name} is of type {field.kind}, wanted numbers")
         values = field.values()
         if values.size * 8 != field.size:
             raise _Damaged(f"field {field.name} does not hold as many numbers as it says")
-        arrays[field.name] = values.astype(float).reshape(field.shape, order="F")
+        try:
+            with np.errstate(all="ignore"):  # odd NaN
+                arrays[field.name] = values.astype(float).reshape(field.shape, order="F")
+        except ValueError:  # no numbers, in more rows than there can be
+            raise _Damaged(f"field {field.name} has an impossible shape") from None
+        room -= field.size
     return arrays, found
 
 

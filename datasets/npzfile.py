@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
 import zipfile
-import zlib
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,9 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from datasets.body import DatasetError, MissingData
+from datasets.limits import allowance, claim, reason
 
-LARGEST = 2**31  # bytes of one array, its numbers in double precision
+PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
@@ -36,16 +37,26 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
     """
     if not path.is_file():
         raise MissingData(f"{path} is not there; set NRSFM_DATA to its folder")
+    arrays: dict[str, NDArray[Any]] = {}
+    room = allowance(path)
     try:
-        with zipfile.ZipFile(path) as archive:
-            held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            return {name: _array(archive, info) for name, info in held.items() if names is None or name in names}
-    except (OSError, EOFError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
-        raise DatasetError(f"{path}: not a readable .npz file ({reason}); write or fetch it again") from None
+        with zipfile.ZipFile(path) as archive, warnings.catch_warnings(action="error"):
+            for info in archive.infolist():
+                name = info.filename.removesuffix(".npy")
+                if names is not None and name not in names:
+                    continue
+                if name in arrays:
+                    raise ValueError(f"{info.filename!a} is there twice")
+                arrays[name] = _array(archive, info, room)
+                room -= max(arrays[name].nbytes, 8 * arrays[name].size)
+    except Exception as error:  # whatever zipfile, zlib and numpy make of damaged bytes
+        raise DatasetError(f"{path}: not a readable .npz file ({reason(error)}); write or fetch it again") from None
+    return arrays
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArray[Any]:
+    if info.compress_type not in PLAIN:
+        raise ValueError(f"{info.filename!a} is compressed in another way than numpy does")
     with archive.open(info) as stream:
         version = npy.read_magic(stream)
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
@@ -53,10 +64,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
             raise ValueError(f"{info.filename!a} is of an unknown version")
         shape, fortran, kind = read(stream)
         size = math.prod(shape) * kind.itemsize
+        numbers = 8 * math.prod(shape)  # in double precision
         if kind.hasobject:
             raise ValueError(f"{info.filename!a} holds objects")
-        if max(size, 8 * math.prod(shape)) > LARGEST or min(shape, default=0) < 0:
-            raise ValueError(f"{info.filename!a} claims {size} bytes")
+        if min(shape, default=0) < 0 or max(size, numbers) > room:
+            raise ValueError(f"{info.filename!a} {claim(max(size, numbers))}")
         data = stream.read(size + 1)
     if len(data) != size:
         raise ValueError(f"{info.filename!a} does not hold as many numbers as it says")

@@ -14,7 +14,7 @@ from pathlib import Path
 from datasets.body import Body, DatasetError, MissingData, observed
 from datasets.c3dfile import read_c3d
 from datasets.scene import Scene, captured
-from datasets.sources import sha256
+from datasets.sources import check_name, sha256
 from datasets.thinning import Thinning
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -106,8 +106,10 @@ def load_c3d(
 def find(folder: Path, group: str, take: str) -> Path:
     """The file of a take, ``GROUP/TAKE.c3d``, or below ``Groundtruth`` as UMPM's archives have it.
 
-    Raises MissingData, which says how to get it, if it is not there.
+    Raises MissingData, which says how to get it, if it is not there; DatasetError if it would be elsewhere.
     """
+    check_name("take", take)
+    check_name("folder", group)
     for place in (folder / group, folder / group / "Groundtruth"):
         if (place / f"{take}.c3d").is_file():
             return place / f"{take}.c3d"

@@ -106,7 +106,7 @@ def _frames(
     """(F, rows, columns), also of (rows F, columns)."""
     value, shape = _numbers(path, name, value), value.shape
     if value.ndim == 2 and value.shape[0] % rows == 0:
-        value = value.reshape(-1, rows, value.shape[1])
+        value = value.reshape(value.shape[0] // rows, rows, value.shape[1])
     sizes = [("F" if frames is None else frames), rows, ("P" if columns is None else columns)]
     fits = value.ndim == 3 and all(
         isinstance(want, str) or got == want for want, got in zip(sizes, value.shape, strict=True)
@@ -157,6 +157,7 @@ def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[
             "out"
         )
     value = value.reshape(-1)
+    value = value.astype(float) if value.dtype.kind == "f" else value  # 2^53 is no number of half precision
     if value.dtype.kind == "f" and not ((np.abs(value) < 2**53) & (value == np.trunc(value))).all():
         raise DatasetError(f"{path}: field {name} holds NaN or fractions; wanted whole numbers, or leave it out")
     return named(path, name, [f"{v:.0f}" if isinstance(v, float) else str(v) for v in value.tolist()])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from datasets.body import Array, DatasetError, MissingData, centre, observed
 from datasets.cameras import project
 from datasets.csvfile import read_csv
+from datasets.limits import HUGE
 from datasets.scene import Scene
 from datasets.sources import sha256
 from datasets.take import load_c3d
@@ -122,6 +123,9 @@ def _check_numbers(path: Path, parts: Parts) -> None:
         frame, track = np.argwhere(bad)[0]
         return f"frame {parts.frames[frame]}, track {parts.ids[track]}"
 
+    for held in (parts.tracks, parts.structure, parts.cameras):
+        if held is not None and (np.abs(held[np.isfinite(held)]) > HUGE).any():
+            raise DatasetError(f"{path}: it holds numbers above {HUGE:g}; bring it to other units")
     W = parts.tracks
     if np.isinf(W).any():
         raise DatasetError(

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.body import Body, DatasetError, MissingData
+from datasets.limits import HUGE
 from datasets.npzfile import read_npz
 from datasets.scene import Scene, captured
-from datasets.sources import sha256
+from datasets.sources import check_name, sha256
 from datasets.thinning import Thinning
 
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
@@ -29,6 +30,7 @@ HINT = (
 
 def path(folder: Path, take: str) -> Path:
     """The file of a take, ``two_person/TAKE.npz``; raises MissingData if it is not there."""
+    check_name("take", take)
     file = folder / "two_person" / f"{take}.npz"
     if not file.is_file():
         raise MissingData(f"{file} is not there; {HINT}")
@@ -90,13 +92,16 @@ def _fields(
     """Names, parents and the time step, once they fit the people's joints."""
     for key in ("names", "parents", "dt"):
         if key not in held:
-            raise DatasetError(f"{file}: field {key} is missing (the file holds {', '.join(map(ascii, held))})")
+            known = ", ".join(ascii(name[:40]) for name in list(held)[:20])
+            raise DatasetError(f"{file}: field {key} is missing (the file holds {known})")
     names, parents, dt = held["names"], held["parents"], held["dt"]
     joints = names.shape[0] if names.ndim == 1 else 0
     wrong = [key for key, X in people.items() if X.shape[1:] != (joints, 3) or X.dtype.kind != "f"]
     if wrong or not people:
-        what = f"{wrong[0]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
+        what = f"{wrong[0][:40]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
         raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
+    if odd := [key for key, X in people.items() if not (np.abs(X.astype(float)) < HUGE).all()]:
+        raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values, or numbers above {HUGE:g}")
     whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
     if not whole or parents.min() < -1 or parents.max() >= joints:
         raise DatasetError(f"{file}: field parents does not name the joints' parents")

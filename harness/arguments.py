@@ -9,6 +9,8 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
+from reports.text import printable
+
 #: Words that may stand in a place, each with a line that says what it is.
 Words = Callable[[], Mapping[str, str]]
 
@@ -53,7 +55,7 @@ class Parser(argparse.ArgumentParser):
         self.overrides = name
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message}; see '{self.prog} --help'", file=sys.stderr)
+        print(f"{self.prog}: {printable(message)}; see '{self.prog} --help'", file=sys.stderr)
         raise SystemExit(3)
 
     def read(self, argv: Sequence[str]) -> argparse.Namespace:

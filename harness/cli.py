@@ -51,22 +51,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
-        print(f"harness: {verb!r} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
+        print(f"harness: {verb[:40]!a} is not a verb; they are {', '.join(VERBS)}", file=sys.stderr)
         return 3
     from datasets.errors import DatasetError
     from harness.address import shown
     from harness.parsers import PARSERS
     from harness.record import UsageError
+    from reports.text import printable
 
     try:
         if verb in PARSERS and not {"-h", "--help"}.isdisjoint(rest):
             PARSERS[verb]().read(rest)  # which ends here, before anything slow is loaded
         return VERBS[verb](rest)
     except UsageError as error:
-        print(f"harness {verb}: {shown(str(error))}", file=sys.stderr)
+        print(f"harness {verb}: {printable(shown(str(error)))}", file=sys.stderr)
         return 3
     except DatasetError as error:
-        print(f"harness {verb}: {error}", file=sys.stderr)
+        print(f"harness {verb}: {printable(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"harness {verb}: interrupted; what was finished is kept", file=sys.stderr)
@@ -77,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.filename is None and error.errno is None:
             raise
-        print(f"harness {verb}: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        print(f"harness {verb}: {printable(error.filename or 'output')}: {error.strerror}", file=sys.stderr)
         return 2
 
 
@@ -139,12 +140,15 @@ def _data(argv: list[str]) -> int:
 def _sync(argv: list[str]) -> int:
     from harness import parsers
     from harness.tracking import Tracker
+    from reports.text import printable
 
     settings = _settings(parsers.sync().read(argv).overrides)
     tracker = Tracker(settings.tracking_uri, settings.output)
-    written = tracker.sync(settings.trials)
+    written, trouble = tracker.sync(settings.trials)
     print(f"{written} run{'' if written == 1 else 's'} written to {tracker.uri}")
-    return 0
+    for line in trouble:
+        print(f"harness sync: {printable(line)}", file=sys.stderr)
+    return 2 if trouble else 0
 
 
 def _ui(argv: list[str]) -> int:

@@ -18,6 +18,7 @@ from yaml import YAMLError
 
 from harness.extensions import folders
 from harness.record import UsageError
+from reports.text import printable
 
 #: Keys that take one of a few words.
 WORDS = {"missing": ("error", "stand_in"), "rerun": ("none", "failed", "stale", "all")}
@@ -38,7 +39,7 @@ def one_line(error: BaseException) -> str:
     """An error's message on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(lines[:12]) if lines else type(error).__name__
-    return text.replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
+    return printable(text).replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
 
 
 @contextmanager

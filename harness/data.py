@@ -12,6 +12,7 @@ from datasets import sources
 from datasets.errors import DatasetError
 from harness import parsers
 from harness.record import UsageError
+from reports.text import printable
 
 OK, FAILED, USAGE = 0, 2, 3
 
@@ -50,7 +51,7 @@ def main(argv: Sequence[str], folder: Path) -> int:
 
 
 def _say(line: str, code: int) -> int:
-    print(line, file=sys.stderr)
+    print(printable(line), file=sys.stderr)
     return code
 
 

@@ -17,6 +17,7 @@ from rich.text import Text
 from harness.record import OK, Outcome, Trial
 from harness.remaining import Remaining
 from harness.running import Step
+from reports.text import printable
 
 SECONDS = 0.5  # between two pictures
 NARROW = 100  # columns, below which the bar and the time that has gone are left out
@@ -69,7 +70,7 @@ class Display:
         if ran or outcome.status != OK:
             place = f"[{self._counts.total()}/{len(self._trials)}]"
             line = f"{place} {_words(self._trials[key].title, outcome)}"
-            self._console.print(line, markup=False, highlight=False, soft_wrap=not self.live)
+            self._console.print(printable(line), markup=False, highlight=False, soft_wrap=not self.live)
 
     def running(self, steps: Mapping[str, Step]) -> None:
         """Show what is at work now."""
@@ -109,8 +110,8 @@ class Display:
         return _grid(text, bar, Text(_clock(now - self._start)), Text(rest))
 
     def _line(self, key: str, step: Step, now: float) -> RenderableType:
-        title = Text(f"  {step.title}", "bold", no_wrap=True, overflow="ellipsis")
-        words = Text(step.words, no_wrap=True, overflow="ellipsis")
+        title = Text(f"  {printable(step.title)}", "bold", no_wrap=True, overflow="ellipsis")
+        words = Text(printable(step.words, 200), no_wrap=True, overflow="ellipsis")
         grid = Table.grid(padding=(0, 1), expand=True)
         grid.add_column(ratio=2, no_wrap=True)
         grid.add_column(ratio=3, no_wrap=True)

@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from harness.experiments import Settings, read_plain
 from harness.jobs import plain_jobs
 from harness.record import OK
-from harness.storage import ARRAYS, unpack
+from harness.storage import ARRAYS, read_arrays
 from harness.tracking import Tracked, Tracker
 from reports.grid import scene_words
 
@@ -39,8 +37,7 @@ class Arrays:
             path = self._settings.output / "fetched" / run_id / ARRAYS
             if not path.is_file() and not self._tracker.fetch(run_id, ARRAYS, path.parent):
                 return {}
-        with np.load(path, allow_pickle=False) as stored:
-            return unpack(stored)
+        return read_arrays(path)
 
 
 def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Tracked]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from hydra import compose
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
 from omegaconf import DictConfig
 
 from datasets.gaps import KINDS
@@ -20,10 +20,11 @@ from datasets.tracks import title
 from harness.configurations import WORDS, configurations
 from harness.configurations import compose_config as compose_config
 from harness.jobs import plain_jobs, resolved
-from harness.record import AUTO, Trial, UsageError
+from harness.record import AUTO, GROUPS, Trial, UsageError
 
 LIMITS = ("seconds", "memory_gb", "sweep_seconds")
-NAME = r"[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
+NAME = r"(?!\.+$)[A-Za-z0-9._+-]{1,100}"  # of sweeps, datasets and methods: they become folders, files and cells
+MOST = 100_000  # trials of a sweep
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def tracking_uri(plain: Mapping[str, Any]) -> str:
 
 def trial_of(plain: Mapping[str, Any]) -> Trial:
     """The Trial of a resolved configuration; raises UsageError on values that no trial can have."""
-    for group in ("dataset", "method", "cameras", "noise", "gaps"):
+    for group in GROUPS:
         if not isinstance(plain.get(group), Mapping):
             raise UsageError(f"{group} is {plain.get(group)!r}, wanted one of its choices; see 'harness list'")
     dataset, method = dict(plain["dataset"]), dict(plain["method"])
@@ -197,6 +198,7 @@ def spanned(overrides: Sequence[str]) -> list[list[str]]:
         keys = {o.key_or_group for o in parser.parse_overrides(list(overrides))}
         words = [*(f"{key}={value}" for key, value in own.items() if key not in keys), *overrides]
         everything = parser.parse_overrides(words)
+        _check_number(everything)
         for override in everything:
             if override.is_sweep_override():
                 _check_choices(override)
@@ -210,6 +212,20 @@ def launching(overrides: Sequence[str]) -> list[str]:
         parsed = OverridesParser.create().parse_overrides(list(overrides))
     own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
     return [str(o.input_line) for o in own if not o.is_sweep_override()]
+
+
+def _check_number(overrides: Iterable[Override]) -> None:
+    """Raise UsageError, before any list is made, if a sweep would have no end or more trials than can be meant."""
+    total = 1.0
+    for override in overrides:
+        swept = override.value()
+        if isinstance(swept, RangeSweep):
+            first, last, step = (float(n or 0) for n in (swept.start, swept.stop, swept.step))
+            total *= max(1.0, (last - first) / step) if step else float("inf")
+        elif isinstance(swept, ChoiceSweep):
+            total *= max(1, len(swept.list))
+        if not total <= MOST:
+            raise UsageError(f"{override.key_or_group} makes more than {MOST} trials; narrow its values")
 
 
 def _check_choices(override: Override) -> None:

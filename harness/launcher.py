@@ -47,6 +47,8 @@ class Launcher:
         self._own = launching(overrides)
         with configurations():
             hydra = compose("config", overrides=self._own, return_hydra_config=True).hydra
+        if hydra.callbacks:
+            raise UsageError("hydra.callbacks would run whatever a configuration names; take them out")
         self._name: str = hydra.runtime.choices["hydra/launcher"]
         if self._name == SLURM and settings.workers is None:
             raise UsageError("say how many Slurm jobs are to share the trials: workers=20")

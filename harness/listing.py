@@ -11,6 +11,7 @@ from rich.table import Table
 
 from harness import parsers
 from harness.extensions import choices, faults
+from reports.text import printable
 
 GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
 
@@ -24,9 +25,9 @@ def main(argv: Sequence[str]) -> int:
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
         for name, (line, package) in choices(GROUPS[heading]).items():
-            table.add_row(escape(name), escape(f"{line} [{package}]" if package else line))
+            table.add_row(escape(printable(name)), escape(printable(f"{line} [{package}]" if package else line)))
         console.print(f"[bold]{heading}[/bold]")
         console.print(table)
     for fault in faults():
-        print(f"harness list: {fault}", file=sys.stderr)
+        print(f"harness list: {printable(fault)}", file=sys.stderr)
     return 0

@@ -14,6 +14,7 @@ from harness import parsers
 from harness.environment import cores
 from harness.forecast import size_words, time_words
 from harness.planning import Plan, Planned, plan
+from reports.text import printable
 
 ROWS = 40  # more are told by method and state
 WIDTH = 120  # where the output is no terminal
@@ -40,7 +41,9 @@ def _table(found: Plan) -> Table:
     """A row for each trial."""
     table = _grid("trial", "state", "time", "memory", "disk")
     for item in found.trials:
-        table.add_row(Text(item.trial.title), Text(item.state), *_numbers([item]), Text(item.words))
+        table.add_row(
+            Text(printable(item.trial.title)), Text(item.state), *_numbers([item]), Text(printable(item.words))
+        )
     return table
 
 
@@ -53,7 +56,7 @@ def _summary(found: Plan) -> Table:
     for (state, method), items in groups.items():
         words = list(dict.fromkeys(item.words for item in items if item.words))
         said = f"{words[0]}; {len(words) - 1} more with --all" if len(words) > 1 else "".join(words)
-        table.add_row(Text(method), Text(state), str(len(items)), *_numbers(items), Text(said))
+        table.add_row(Text(printable(method)), Text(state), str(len(items)), *_numbers(items), Text(printable(said)))
     return table
 
 

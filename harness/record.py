@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from datetime import datetime
 from typing import Any
 
 OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
@@ -143,11 +145,64 @@ class Outcome:
         ValueError
             If the text is not such a record.
         """
-        data = json.loads(text)
+        try:
+            data = json.loads(text)
+        except RecursionError:
+            raise ValueError("not a trial record: nested too deeply") from None
         if not isinstance(data, dict):
             raise ValueError("not a trial record")
-        known = {f.name for f in fields(cls)}
+        known = {f.name: data[f.name] for f in fields(cls) if f.name in data}
+        for f in fields(cls):
+            if f.name in known and not _FITS[f.type](known[f.name]):
+                raise ValueError(f"not a trial record: {f.name} is no {f.type}")
+        if not re.fullmatch(r"[\w-]{1,64}", str(known.get("key", "")), re.ASCII):
+            raise ValueError("not a trial record: key is no trial's")
+        if not _is_moment(known.get("finished", "")):
+            raise ValueError("not a trial record: finished is no time")
         try:
-            return cls(**{k: v for k, v in data.items() if k in known})
+            return cls(**known)
         except TypeError as error:
             raise ValueError(f"not a trial record: {error}") from None
+
+
+def _is_number(value: Any) -> bool:
+    """A finite number that nothing counted or measured here exceeds."""
+    return type(value) in (int, float) and -1e100 < value < 1e100
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 10**9
+
+
+def _is_measured(value: Any) -> bool:
+    return type(value) is dict and all(re.fullmatch(r"\w{1,60}", k) and _is_number(v) for k, v in value.items())
+
+
+def _is_settings(value: Any) -> bool:
+    """Parameters by group, whose gaps have a kind and a share."""
+    if type(value) is not dict or not all(type(group) is dict for group in value.values()):
+        return False
+    gaps = value.get("gaps")
+    return not gaps or (type(gaps.get("kind")) is str and _is_number(gaps.get("share")))
+
+
+def _is_moment(text: str) -> bool:
+    """A time with its zone, of this century, or none."""
+    try:
+        return not text or 2000 <= datetime.fromisoformat(text).astimezone().year < 2100
+    except (ValueError, OverflowError):
+        return False
+
+
+#: What each type of a record's fields takes of what JSON may hold.
+_FITS: Mapping[Any, Callable[[Any], bool]] = {
+    "str": lambda value: type(value) is str,
+    "bool": lambda value: type(value) is bool,
+    "float": lambda value: _is_number(value) and value >= 0,
+    "int": _is_count,
+    "int | None": lambda value: value is None or _is_count(value),
+    "float | None": lambda value: value is None or (_is_number(value) and 0 <= value < 1e9),
+    "dict[str, float]": _is_measured,
+    "dict[str, Any]": _is_settings,
+    "dict[str, str]": lambda value: type(value) is dict and all(type(v) is str for v in value.values()),
+}

@@ -27,6 +27,7 @@ from harness.record import OK, Trial, UsageError
 from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
+from reports.text import printable
 
 ATTEMPTS = 3  # in a row that may end early without a trial done
 
@@ -88,7 +89,7 @@ def main(argv: Sequence[str]) -> int:
     with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys()) as follower:
         trouble = _carry_out(missing, settings, launcher)
     if trouble:
-        print(f"harness run: {trouble}; start it again to run the rest", file=sys.stderr)
+        print(f"harness run: {printable(trouble)}; start it again to run the rest", file=sys.stderr)
     if len(jobs) > 1 or asked.multirun:
         _show(overrides, trials)
     return _report(follower)
@@ -176,7 +177,7 @@ def _report(follower: Follower) -> int:
         uri = shown(follower.settings.tracking_uri)
         place = f" tracking=server tracking.uri={uri}" if is_server(uri) else ""
         remedy = "" if "'harness sync" in follower.trouble else f", 'harness sync{place}' brings them in"
-        print(f"{follower.trouble}; the trials are safe{remedy}", file=sys.stderr)
+        print(f"{printable(follower.trouble)}; the trials are safe{remedy}", file=sys.stderr)
     return 2 if bad or missing or follower.trouble else 0
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+LARGEST = 1 << 16  # bytes of the file
 SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are told in the file, and in the trial's log
 
 
@@ -77,6 +78,10 @@ def steps(output: Path, sweep: str) -> Iterator[tuple[str, Step]]:
     """Key and step of every trial that is at work."""
     for path in sorted((output / "sweeps" / sweep / "running").glob("*.json")):
         try:
-            yield path.stem, Step(**json.loads(path.read_text()))
-        except (OSError, ValueError, TypeError):  # it ended in this moment
+            step = Step(**json.loads(path.read_bytes()[:LARGEST]))
+            _ = step.words
+            whole = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # it ended in this moment, or is none
             continue
+        if whole:
+            yield path.stem, step

@@ -16,10 +16,19 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from datasets.body import DatasetError
+from datasets.npzfile import read_npz
 from harness.environment import environment
 from harness.record import Outcome
 
 RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "log.txt"
+LARGEST_RECORD = 4 << 20  # bytes
+MOST_LABELS = 1000
+#: Sizes of a trial's arrays: F frames, P tracks, others as they come.
+SHAPES = {"tracks": "F2P", "structure": "F3P", "true_structure": "F3P", "cameras": "F23", "visible": "FP"}
+SHAPES |= {"labels": "P", "true_labels": "P", "edges": "E2", "alignment": "33", "affinity": "PP"}
+SHAPES |= {"affinity_rows": "N", "affinity_columns": "N", "affinity_values": "N", "affinity_size": ""}
+BELOW = ("labels", "true_labels", "edges", "affinity_rows", "affinity_columns", "affinity_size")  # whole numbers
 LEAST = 1 << 20  # bytes of a disk that count as none
 TRACKED = "tracked.txt"  # the store that holds the record, and the record's time
 
@@ -93,8 +102,54 @@ def _compact(value: NDArray[Any]) -> NDArray[Any]:
 
 
 def read_record(folder: Path) -> Outcome | None:
-    """The record of a finished trial, or None; a damaged one counts as not finished."""
+    """The record of a finished trial, or None; a damaged one, or another trial's, counts as not finished."""
     try:
-        return Outcome.from_json((folder / RESULT).read_text())
+        with (folder / RESULT).open("rb") as stream:
+            raw = stream.read(LARGEST_RECORD + 1)
+        if len(raw) > LARGEST_RECORD:
+            return None
+        outcome = Outcome.from_json(raw.decode())
     except (OSError, ValueError):
         return None
+    return outcome if outcome.key == folder.name else None
+
+
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The arrays of a trial's folder, as :func:`pack` was given them.
+
+    Raises
+    ------
+    MissingData
+        If the file is not there.
+    DatasetError
+        If it cannot be read, or its arrays do not fit each other.
+    """
+    stored = read_npz(path)
+    for name in stored:
+        if why := _misfit(name, stored):
+            raise DatasetError(f"{path}: {why}; remove its folder and run the trial again")
+    return unpack(stored)
+
+
+def _misfit(name: str, stored: Mapping[str, NDArray[Any]]) -> str:
+    """Why an array is not what a trial leaves under that name, beside the others; "" if it is."""
+    value, tracks = stored[name], stored.get("tracks", np.zeros((0, 2, 0)))
+    sizes = dict(zip("F2P", tracks.shape, strict=False)) | {"2": 2, "3": 3}
+    letters = SHAPES.get(name, "K" if name.startswith("history_") else "F" if name.startswith("frame_") else None)
+    if letters is None:
+        return f"it holds {name[:40]!a}, which no trial leaves"
+    wanted = tuple(sizes.get(letter) for letter in letters)
+    fits = value.ndim == len(wanted) and all(w in (None, n) for n, w in zip(value.shape, wanted, strict=True))
+    if not fits or (name == "tracks" and 0 in value.shape):
+        return f"{name[:40]!a} has shape {value.shape}, which does not fit the tracks"
+    if value.dtype.kind not in ("b" if name == "visible" else "iu" if name in BELOW else "fiu"):
+        return f"{name[:40]!a} holds {value.dtype}"
+    top = min(sizes["P"], MOST_LABELS) if name.endswith("labels") else sizes["P"]
+    if name == "affinity_size":
+        return "" if value == top else f"the affinity is not of {top} tracks"
+    if name in BELOW and value.size and not (value.min() >= 0 and value.max() < top):
+        return f"{name!a} holds numbers that are not in 0..{top - 1}"
+    others = [part for part in SHAPES if part.startswith("affinity_") and name.startswith("affinity_")]
+    if len({stored[part].size for part in others[:-1] if part in stored}) > 1 or not stored.keys() >= set(others):
+        return "the parts of the affinity do not fit each other"
+    return ""

@@ -19,9 +19,10 @@ from typing import Any
 
 from harness.experiments import Settings
 from harness.isolation import Stopped
-from harness.record import OOM, Trial
+from harness.record import OOM, Trial, UsageError
 from harness.storage import write_text
 from harness.trial import Busy, Entry, execute, note
+from reports.text import one_line
 
 KILLED = ("killed by SIGKILL", "the process was killed, or lost")  # from outside: the kernel when memory is short
 
@@ -69,9 +70,18 @@ class Work:
 
     @classmethod
     def read(cls, path: Path) -> Work:
-        data = json.loads(path.read_text())
-        jobs = [Job(Trial(**row["trial"]), _settings(row["settings"]), row["old"]) for row in data.pop("jobs")]
-        return cls(path, jobs, **data)
+        """The work that :meth:`begin` wrote; raises UsageError if the file is none."""
+        try:
+            data = json.loads(path.read_text())
+            jobs = [Job(Trial(**row["trial"]), _settings(row["settings"]), row["old"]) for row in data.pop("jobs")]
+            work = cls(path, jobs, **data)
+            _, pid, _ = work.home.split(" ")
+            fits = time.time() > work.until - 10**10 and int(pid) > 0
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise UsageError(f"{path} is no list of trials ({one_line(error)}); start the sweep again") from None
+        if not fits:
+            raise UsageError(f"{path} is no list of trials; start the sweep again")
+        return work
 
     def end(self) -> None:
         """Tell every worker to stop, wherever it runs."""

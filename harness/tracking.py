@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -12,13 +13,12 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from filelock import FileLock
 
 from harness import address, store
 from harness.curves import thinned
 from harness.record import OK, Outcome, UsageError
-from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_record, write_atomically
+from harness.storage import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED, read_arrays, read_record, write_atomically
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -197,6 +197,8 @@ class Tracker:
 
     def fetch(self, run_id: str, name: str, folder: Path) -> bool:
         """Download a run's artifact into a folder; False if the store has none of that name."""
+        if not re.fullmatch(r"[\w-]{1,64}", run_id, re.ASCII):  # it names a folder
+            raise UsageError(f"tracker {self.uri}: {run_id[:80]!a} is no run's id")
         with self._in_words():
             if name not in {artifact.path for artifact in self.client.list_artifacts(run_id)}:
                 return False
@@ -217,22 +219,31 @@ class Tracker:
             if not token:
                 return
 
-    def sync(self, trials: Path, keys: Iterable[str] | None = None) -> int:
-        """Bring trial folders (all, or those named) into the tracker; the number of runs written."""
+    def sync(self, trials: Path, keys: Iterable[str] | None = None) -> tuple[int, list[str]]:
+        """Bring trial folders (all, or those named) into the tracker: the runs written, and what could not be.
+
+        A folder whose record is damaged or another trial's, or that the tracker does not take, harms no other.
+        """
         keys = None if keys is None else list(keys)
         held = {(t.outcome.key, t.outcome.finished) for t in self.outcomes(keys)}
         folders = [trials / key for key in keys] if keys is not None else sorted(trials.glob("*/"))
-        written = 0
+        written, trouble = 0, []
         for folder in folders:
             outcome = read_record(folder)
             if outcome is None:
-                continue
-            if (outcome.key, outcome.finished) not in held:
-                self.log(outcome, folder)
-                written += 1
+                if (folder / RESULT).exists():
+                    trouble.append(f"{folder / RESULT} is damaged or another trial's; remove the folder")
+            elif (outcome.key, outcome.finished) not in held:
+                try:
+                    self.log(outcome, folder)
+                    written += 1
+                except UsageError:
+                    raise
+                except Exception as error:  # MLflow's, and of what stands in the folder
+                    trouble.append(f"{folder}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
             elif not self.holds(outcome, folder):
                 self._note(outcome, folder)
-        return written
+        return written, trouble
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
@@ -278,8 +289,7 @@ def _curves(folder: Path) -> list[tuple[str, int, float]]:
     """The thinned residual history as (name, step, value)."""
     if not (folder / ARRAYS).is_file():
         return []
-    with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
-        curves = thinned(arrays)
+    curves = thinned(read_arrays(folder / ARRAYS))
     return [
         (name, int(s), float(v)) for name, (steps, values) in curves.items() for s, v in zip(steps, values, strict=True)
     ]

@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from harness.environment import COMPUTES, environment
 from harness.experiments import Settings
 from harness.isolation import Stopped, run_isolated
 from harness.packages import packages_of
-from harness.record import ABSENT, FAILED, OK, Outcome, Trial
+from harness.record import ABSENT, FAILED, OK, STATUSES, Outcome, Trial
 from harness.running import forget, place
 from methods.base import MethodError
 from methods.registry import build_method, version
@@ -189,8 +189,17 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
             if not line.endswith(b"\n"):
                 return
             start += len(line)
-            with suppress(ValueError, TypeError):
-                yield Entry(**json.loads(line)), start
+            if entry := _entry(line):
+                yield entry, start
+
+
+def _entry(line: bytes) -> Entry | None:
+    try:
+        found = Entry(**json.loads(line))
+    except (ValueError, TypeError, RecursionError):
+        return None
+    texts = all(type(text) is str for text in (found.key, found.title, found.status))
+    return found if texts and type(found.ran) is bool and found.status in STATUSES else None
 
 
 def _blank(trial: Trial, key: str, data: str, settings: Settings) -> Outcome:

@@ -19,6 +19,12 @@ def one_line(text: object, longest: int = LONGEST) -> str:
     return clean if len(clean) <= longest else clean[: longest - 1].rstrip() + "…"
 
 
+def printable(text: object, longest: int = 2000) -> str:
+    """Text for the terminal: on one line, control characters spelt out, so that none of them does anything."""
+    clean = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
+    return clean if len(clean) <= longest else clean[: longest - 1] + "…"
+
+
 def number(value: float, digits: int = DIGITS) -> str:
     """An error as the papers print it: four decimals, and 0.0 for none at all."""
     return "0.0" if value == 0 and digits else f"{value:.{digits}f}"
