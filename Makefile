@@ -2,6 +2,7 @@
 # make test     lint, types and the test suite
 # make bench    speed of the solvers beside named alternatives
 # make validate the longer checks: published numbers on whole datasets
+# make docs     the documentation as a site, in build/docs
 # make dist     the wheel and the source distribution, in dist/
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
@@ -9,7 +10,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help tables test validate bench dist format clean
+.PHONY: help tables test validate bench docs dist format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -39,6 +40,11 @@ bench: $(INSTALLED)
 validate: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray]'
 	$(BIN)/pytest -m slow
+
+docs: $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html --doctree-dir build/doctrees docs build/docs
+	@echo "Open build/docs/index.html"
 
 dist: $(INSTALLED)
 	$(BIN)/python -m build --no-isolation

@@ -38,7 +38,7 @@ class _Damaged(Exception):
     """What is wrong, in a few words."""
 
 
-def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
+def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
     """Read numeric arrays from a MATLAB file (versions 4, 5 and 7.3).
 
     Parameters
@@ -47,6 +47,8 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
         The file.
     names : sequence of str
         Fields wanted; all must be there.
+    optional : sequence of str
+        Fields that are read where they are there.
 
     Returns
     -------
@@ -61,12 +63,13 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, Array]:
     """
     if not path.is_file():
         raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
+    wanted = [*names, *optional]
     try:
-        arrays, found = read_mat73(path, names, LARGEST) if is_mat73(path) else _read(path, names)
+        arrays, found = read_mat73(path, wanted, LARGEST) if is_mat73(path) else _read(path, wanted)
     except (OSError, zlib.error, _Damaged) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(
-            f"{path}: not a readable MATLAB file ({reason}); fetch it again with 'harness data get'"
+            f"{path}: not a readable MATLAB file ({reason}); write it again, or fetch it with 'harness data get'"
         ) from None
     for name in names:
         if name not in arrays:

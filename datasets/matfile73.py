@@ -58,7 +58,7 @@ def read_mat73(path: Path, names: Sequence[str], largest: int) -> tuple[dict[str
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{path}: not a readable MATLAB file ({reason}); fetch it again") from None
+        raise DatasetError(f"{path}: not a readable MATLAB file ({reason}); write or fetch it again") from None
 
 
 def _numbers(path: Path, file: object, name: str, largest: int) -> Array:

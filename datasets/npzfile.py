@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zipfile
 import zlib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,17 @@ from numpy.typing import NDArray
 
 from datasets.body import DatasetError, MissingData
 
-LARGEST = 2**31  # bytes of one array
+LARGEST = 2**31  # bytes of one array, its numbers in double precision
 
 
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Every array of an .npz file.
+def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file.
 
     Parameters
     ----------
     path : Path
+    names : collection of str, optional
+        Those that are read where they are there; all by default.
 
     Raises
     ------
@@ -35,7 +38,8 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         raise MissingData(f"{path} is not there; set NRSFM_DATA to its folder")
     try:
         with zipfile.ZipFile(path) as archive:
-            return {info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()}
+            held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            return {name: _array(archive, info) for name, info in held.items() if names is None or name in names}
     except (OSError, EOFError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(f"{path}: not a readable .npz file ({reason}); write or fetch it again") from None
@@ -51,7 +55,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
         size = math.prod(shape) * kind.itemsize
         if kind.hasobject:
             raise ValueError(f"{info.filename!a} holds objects")
-        if size > LARGEST or min(shape, default=0) < 0:
+        if max(size, 8 * math.prod(shape)) > LARGEST or min(shape, default=0) < 0:
             raise ValueError(f"{info.filename!a} claims {size} bytes")
         data = stream.read(size + 1)
     if len(data) != size:

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from datasets import ENTRY_POINTS, garg, hopkins, mocap, procedural, sources, take, two_person
+from datasets import ENTRY_POINTS, garg, hopkins, mocap, procedural, sources, take, tracks, two_person
 from datasets.body import Body, DatasetError, MissingData
 from datasets.scene import Scene
 from datasets.thinning import Thinning
@@ -178,6 +178,17 @@ def _garg_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
     return sources.sha256(garg.path(folder, settings["sequence"]))
 
 
+def _tracks(settings: Settings, folder: Path, stand_in: bool) -> Scene:
+    return tracks.load_tracks(tracks.find(settings["file"], folder), settings["name"])
+
+
+def _tracks_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
+    path = tracks.find(settings["file"], folder)
+    if not path.is_file():
+        raise MissingData(f"{path} is not there; dataset.file names a file from the current folder or the data folder")
+    return sources.sha256(path)
+
+
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
@@ -187,6 +198,7 @@ SOURCES: dict[str, Source] = {
     "take": (_take, _take_digest),
     "two_person": (_two_person, _two_person_digest),
     "garg": (_garg, _garg_digest),
+    "tracks": (_tracks, _tracks_digest),
 }
 
 

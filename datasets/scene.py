@@ -43,6 +43,10 @@ class Scene:
         Hash of the data files (or of the generator's settings) behind the scene.
     stand_in : bool
         True when generated bodies take the place of real sequences that were not found.
+    track_ids, frame_ids : tuple of str
+        What the source calls its tracks and frames, one name each; empty where it does not.
+    notes : tuple of str
+        What was done to the source's numbers that a reader must know.
 
     Raises
     ------
@@ -60,6 +64,9 @@ class Scene:
     edges: NDArray[np.int64] = field(default_factory=no_edges)
     digest: str = ""
     stand_in: bool = False
+    track_ids: tuple[str, ...] = ()
+    frame_ids: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         W = self.tracks
@@ -76,6 +83,9 @@ class Scene:
             value = getattr(self, key)
             if value is not None and value.shape != shape:
                 raise DatasetError(f"scene {self.name}: {key} has shape {value.shape}, wanted {shape}")
+        for key, count in (("track_ids", n_points), ("frame_ids", n_frames)):
+            if getattr(self, key) and len(getattr(self, key)) != count:
+                raise DatasetError(f"scene {self.name}: {key} holds {len(getattr(self, key))} names, wanted {count}")
         bad = ~observed(W)
         if self.structure is not None:
             bad |= ~observed(self.structure)

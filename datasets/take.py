@@ -66,7 +66,28 @@ def load_take(
     DatasetError
         If it cannot be read, holds no such people, or a setting does not fit it.
     """
-    path = find(folder, group, take)
+    return load_c3d(
+        find(folder, group, take),
+        name=name or take,
+        persons=persons,
+        others=others,
+        vertical=vertical,
+        thinning=thinning,
+        degrees_per_frame=degrees_per_frame,
+    )
+
+
+def load_c3d(
+    path: Path,
+    *,
+    name: str,
+    persons: Sequence[str] | None = None,
+    others: str = "none",
+    vertical: str = "z",
+    thinning: Thinning | None = None,
+    degrees_per_frame: float = 5.0,
+) -> Scene:
+    """:func:`load_take` of a file wherever it is."""
     held, thin = read_c3d(path), thinning or Thinning()
     if held.unit not in METRES:
         raise DatasetError(f"{path}: its unit of length is {held.unit!a}, wanted mm, cm or m")
@@ -79,7 +100,7 @@ def load_take(
         if S.shape[2] == 0:
             raise DatasetError(f"{path}: no marker of {body!a} is seen often enough; see dataset.least_seen")
         found.append(Body(body, S, vertical=vertical, digest=sha256(path), gaps=True))
-    return captured(found, name=name or take, degrees_per_frame=degrees_per_frame)
+    return captured(found, name=name, degrees_per_frame=degrees_per_frame)
 
 
 def find(folder: Path, group: str, take: str) -> Path:

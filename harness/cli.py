@@ -16,6 +16,7 @@ USAGE = """\
 usage: harness VERB ...
 
   run [-m] [OVERRIDES]     one trial, a sweep, or an experiment (a Hydra application; every Hydra flag works)
+  solve FILE --bodies N    tracks of your own in (.npz .mat .csv .c3d), structure, labels and a 3D view out
   plan [OVERRIDES]         what run would do: trials done, missing and failed, expected time and memory
   report [TABLES] [OVERRIDES]  rebuild the paper's tables from the tracker; runs no method
   compare [OVERRIDES]      measured against a blessed baseline or the published numbers; exit code 1 when worse
@@ -31,6 +32,7 @@ usage: harness VERB ...
   harness run dataset=dance_yoga method=ours
   harness run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02
   harness run +experiment=table1 && harness report table1
+  harness solve tracks.npz --bodies 2
 
 'harness VERB --help' says more. Exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage.
 """
@@ -82,6 +84,12 @@ def _run(argv: list[str]) -> int:
     from harness.run import main as run
 
     return run(argv)
+
+
+def _solve(argv: list[str]) -> int:
+    from harness.solving import main as solving
+
+    return solving(argv)
 
 
 def _plan(argv: list[str]) -> int:
@@ -174,6 +182,7 @@ def _settings(overrides: Sequence[str]) -> Settings:
 
 VERBS: dict[str, Callable[[list[str]], int]] = {
     "run": _run,
+    "solve": _solve,
     "plan": _plan,
     "report": _report,
     "compare": _compare,

@@ -20,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from datasets.gaps import KINDS
+from datasets.tracks import title
 from harness.configurations import WORDS, configurations, one_line
 from harness.configurations import compose_config as compose_config
 from harness.record import AUTO, Trial, UsageError
@@ -140,7 +141,8 @@ def trial_of(plain: Mapping[str, Any]) -> Trial:
         bodies = dataset.get("bodies")
         if "bodies" in dataset and not (isinstance(bodies, list) and bodies):
             raise UsageError(f"dataset.bodies is {bodies!r}, wanted a list such as [dance,yoga]")
-        dataset["name"] = "_".join(map(str, bodies)) if bodies else dataset.get("source")
+        file = dataset.get("file") if dataset.get("source") == "tracks" else None
+        dataset["name"] = "_".join(map(str, bodies)) if bodies else title(file) if file else dataset.get("source")
     for group, value in (("dataset", dataset.get("name")), ("method", method.get("name"))):
         if not (isinstance(value, str) and re.fullmatch(NAME, value)):
             raise UsageError(f"{group}.name is {value!r}, wanted letters, digits and . _ + -")

@@ -41,5 +41,5 @@ def refusal(method: Method, size: Size, memory_gb: float) -> str:
         return ""
     return (
         f"{size.n_points} tracks over {size.n_frames} frames need about {need:.1f} GB and limits.memory_gb is "
-        f"{memory_gb:g}; raise it, or take fewer points (dataset.points)"
+        f"{memory_gb:g}; raise it, take fewer points (dataset.points), or a method for dense tracks (ours_c)"
     )

@@ -14,7 +14,7 @@ from sklearn.base import BaseEstimator, clone
 from datasets import procedural
 from datasets.scene import Scene
 from harness.metrics import n_wrong
-from harness.worker import check as check_parts
+from harness.reconstruct import check as check_parts
 from methods.base import NO_CAMERAS, Array, Method, MethodError, Reconstruction
 
 CENTRED = 1e-4  # of its size: a frame's mean, where a solver stops

@@ -168,6 +168,14 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dic
     return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
+def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
+    """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed."""
+    if found.structure is None or found.cameras is None:
+        return float("nan")
+    off = centre(centre(scene.tracks) - found.cameras @ found.structure)
+    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+
 def by_frame(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, Array]:
     """``frame_e_3d`` (F,), whose mean is e_3d, and ``alignment`` (3, 3), the matrix that it is taken after.
 

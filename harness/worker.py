@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 import traceback
 from collections.abc import Mapping
@@ -11,21 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from datasets.body import DatasetError, MissingData
 from datasets.registry import load_scene
 from datasets.scene import Scene
 from harness import metrics
 from harness.isolation import DISK, peak_mb
-from harness.memory import Size, refusal
+from harness.reconstruct import reconstruct
 from harness.record import ABSENT, AUTO, FAILED, OK, Outcome, Trial, UsageError
 from harness.running import Reporter
 from harness.storage import ARRAYS, TRACEBACK, pack, write_atomically, write_record
-from methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction
-from methods.gaps import complete
+from methods.base import MethodError, Progress
 from methods.registry import build_method
-from methods.rotation import estimate_cameras
 
 EXPECTED = (DatasetError, MethodError, UsageError)
 
@@ -84,16 +80,11 @@ def compute(
     if trial.gaps:
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    if why := refusal(method, Size.of(scene), memory_gb):
-        raise UsageError(why)
     known = trial.cameras["source"] == "known"
-    cameras = _cameras(noisy, trial) if method.uses_cameras else NO_CAMERAS
-    gaps = _gaps(method, noisy)
-    found = method.reconstruct(noisy.tracks, cameras, n_bodies, edges=scene.edges, progress=progress, **gaps)
+    found = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
     auto = n_bodies is None
     if auto and found.labels is not None:
         n_bodies = len(np.unique(found.labels))
-    check(found, method.provides, noisy.tracks.shape)
     outcome = replace(
         blank,
         status=OK,
@@ -132,36 +123,3 @@ def _n_bodies(trial: Trial, scene: Scene) -> int | None:
             f"{n_bodies}; leave n_bodies out or choose another scene"
         )
     return n_bodies
-
-
-def _gaps(method: Method, scene: Scene) -> Mapping[str, Any]:
-    """What a method is told of gaps: nothing where there are none, so that it need not know the word."""
-    if scene.visible is None:
-        return {}
-    if "visible" not in inspect.signature(method.reconstruct).parameters:
-        raise MethodError(f"{type(method).__name__} cannot work with gaps: its reconstruct takes no 'visible'")
-    return {"visible": scene.visible}
-
-
-def _cameras(scene: Scene, trial: Trial) -> Array:
-    if trial.cameras["source"] != "known":
-        options = {name: trial.cameras[name] for name in ("rank", "start", "refine") if name in trial.cameras}
-        return estimate_cameras(complete(scene.tracks, scene.visible), **options)
-    if scene.cameras is None:
-        raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    return scene.cameras
-
-
-def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:
-    """Hold a method to its word: raises MethodError on parts that are absent, misshapen or not finite."""
-    n_frames, _, n_points = shape
-    wanted = {"structure": (n_frames, 3, n_points), "labels": (n_points,), "affinity": (n_points, n_points)}
-    for name, size in wanted.items():
-        value = getattr(found, name)
-        if value is None:
-            if name in provides:
-                raise MethodError(f"the method promises {name} and gave none")
-        elif value.shape != size:
-            raise MethodError(f"the method gave {name} of shape {value.shape}, wanted {size}")
-        elif not np.isfinite(value.data if sp.issparse(value) else value).all():
-            raise MethodError(f"the method gave {name} with NaN or infinite values: it diverged")

@@ -66,7 +66,7 @@ def page(
         versions=_versions(told),
         data=script_json(data),
         library=Markup(plotly()),
-        script=Markup(files("reports.templates").joinpath("index.js").read_text(encoding="utf-8")),
+        script=scripts("player.js", "index.js"),
     )
 
 
@@ -81,6 +81,11 @@ def script_json(data: Any) -> Markup:
     """Data as JSON that may stand in a script element: no text in it can end the element."""
     text = json.dumps(data, separators=(",", ":"), sort_keys=True, allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def scripts(*names: str) -> Markup:
+    """Scripts of the templates' folder, one after the other."""
+    return Markup("\n").join(Markup(files("reports.templates").joinpath(n).read_text(encoding="utf-8")) for n in names)
 
 
 def plotly() -> str:

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from datasets.hopkins import SCENES
 from datasets.registry import load_scene
-from harness import storage, worker
+from harness import reconstruct, storage
 from harness.experiments import Settings, compose_config, compose_jobs, expand, spanned
 from harness.record import Outcome, Trial, UsageError, digest
 from harness.trial import execute, identify
@@ -229,10 +229,10 @@ def test_a_method_that_does_not_know_of_gaps(settings: Settings, monkeypatch: py
         def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
             return super().reconstruct(tracks, cameras, n_bodies)
 
-    assert worker._gaps(ClusterTracks(EDSC()), scene) == {"visible": scene.visible}
+    assert reconstruct._gaps(ClusterTracks(EDSC()), scene) == {"visible": scene.visible}
     with pytest.raises(MethodError, match="Old cannot work with gaps"):
-        worker._gaps(Old(EDSC()), scene)
-    assert worker._gaps(Old(EDSC()), replace(scene, tracks=np.zeros(scene.tracks.shape), visible=None)) == {}
+        reconstruct._gaps(Old(EDSC()), scene)
+    assert reconstruct._gaps(Old(EDSC()), replace(scene, tracks=np.zeros(scene.tracks.shape), visible=None)) == {}
 
 
 @pytest.mark.parametrize("bodies", [["person", "face"], ["person"]])
