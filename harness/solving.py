@@ -5,32 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from harness.arguments import Parser
+from harness import parsers
 from harness.record import AUTO, UsageError
 
 ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=")
-EXAMPLES = """\
-examples:
-  harness solve tracks.npz --bodies 2            arrays: tracks (F, 2, P) or W (2F, P); NaN is not observed
-  harness solve tracks.mat --bodies 3 --method bmm_ssc3d
-  harness solve tracks.csv --bodies auto         a line for each observation: frame,track,x,y[,label][,visible]
-  harness solve wide.csv --bodies 2              a line for each frame: x_A,y_A,x_B,y_B,... or A.x,A.y,B.x,B.y,...
-  harness solve take.c3d                         markers in 3D, seen by a camera that circles; the truth is known
-  harness solve tracks.npz --bodies 2 --rank 7   cameras from the tracks, which deform in 7 shapes
-  harness solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16
-
-fields of .npz and .mat, all but the tracks optional (rows of a frame stand together):
-  tracks or W     (F, 2, P) or (2F, P), rows x, y      visible     (F, P), 1 where a track is observed
-  cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal    labels, s   (P,), the true body of each track
-  structure or S  (F, 3, P) or (3F, P), the truth
-
-written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, ply/frame_0000.ply
-and so on, view.html (3D, for any browser, no network), summary.txt, result.json.
-
-exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage"""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -43,7 +23,7 @@ def main(argv: Sequence[str]) -> int:
     UsageError
         If the command line cannot be used, or the folder is somebody else's.
     """
-    given = _parser().read(argv)
+    given = parsers.solve().read(argv)
     if odd := [word for word in given.overrides if not word.startswith(ALLOWED)]:
         raise UsageError(f"{odd[0]!r} is no override of {', '.join(ALLOWED[::2])} or limits.memory_gb; see --help")
     try:
@@ -51,22 +31,6 @@ def main(argv: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("harness solve: interrupted; nothing was written", file=sys.stderr)
         return 130
-
-
-def _parser() -> Parser:
-    parser = Parser("harness solve", "Reconstruct tracks of your own in 3D, and tell the bodies apart.", EXAMPLES)
-    parser.add_argument("file", help="tracks: .npz, .mat, .csv or .c3d")
-    parser.add_argument("overrides", nargs="*", help="settings, such as method.max_iter=300")
-    words = "how many bodies there are, or auto to have them counted, which is seldom right"
-    parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
-    parser.add_argument("--method", default="ours", help="any of 'harness list methods' (ours)")
-    parser.add_argument(
-        "--cameras", choices=(AUTO, "known", "estimated"), default=AUTO, help="the file's, if it has some"
-    )
-    parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in HARNESS_OUTPUT)")
-    parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
-    return parser
 
 
 def _solve(given: Any) -> int:

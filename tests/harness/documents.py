@@ -142,6 +142,7 @@ ANY = r"(?: .*)?"
 RULES = (
     # what cannot run on a test machine
     Rule(r"make \w+", never="it makes an environment of its own, or is the tests themselves"),
+    Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"harness data get" + ANY, never="it downloads"),
     Rule(r"harness ui" + ANY, never="it serves until it is stopped"),
     # whole experiments: one scene of them
@@ -176,6 +177,7 @@ RULES = (
     Rule(r"harness compare \+experiment=table.*", codes=(2,)),
     Rule(r"harness compare .*"),
     Rule(r"harness bless .*"),
+    Rule(r"harness doctor", quick=True),
     Rule(r"harness list" + ANY, quick=True),
     Rule(r"harness data (list|where)", quick=True),
     Rule(r"harness data verify", codes=(0, 2)),

@@ -17,8 +17,8 @@ import yaml
 from hydra import compose
 from hydra._internal.utils import get_args_parser
 
+from harness import parsers
 from harness.cli import VERBS
-from harness.data import _parser
 from harness.experiments import configurations, expand, read, spanned
 from methods.registry import build_method
 from tests.harness.conftest import Shell
@@ -80,7 +80,7 @@ def test_command_is_composed(command: Command, tree: None, capsys: pytest.Captur
 
 def _compose(verb: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     if verb == "data":
-        _parser().parse_args(words)
+        parsers.data().read(words)
         return
     if verb == "run":
         asked, unknown = get_args_parser().parse_known_args(words)
@@ -95,7 +95,7 @@ def _compose(verb: str, words: list[str], capsys: pytest.CaptureFixture[str]) ->
         assert all(re.search(rf"(^|[\s\[]){re.escape(option)}\b", known) for option in options), options
         overrides = [word for word in words if "=" in word]
     names = [word for word in words if verb == "report" and re.fullmatch(r"\w+", word) and "." not in word]
-    if verb in ("list", "new", "sync", "ui") or any(own in " ".join(words) for own in OWN):
+    if verb in ("list", "new", "sync", "ui", "doctor") or any(own in " ".join(words) for own in OWN):
         return
     for own in [[f"+experiment={name}"] for name in names if (ROOT / f"conf/experiment/{name}.yaml").exists()] or [[]]:
         _make((*own, *overrides))
