@@ -11,6 +11,8 @@ from typing import Any, NoReturn
 
 from reports.text import printable
 
+FILES = ":files"  # in the place of words: a path is wanted
+
 #: Words that may stand in a place, each with a line that says what it is.
 Words = Callable[[], Mapping[str, str]]
 
@@ -34,6 +36,7 @@ class Parser(argparse.ArgumentParser):
         self.examples = examples.splitlines()
         self.offers: dict[str, Words] = {}
         self.overrides = ""
+        self.only: tuple[str, ...] = ("",)
         shown = ["examples:", *_aligned(self.examples)] if self.examples else []
         super().__init__(
             prog,
@@ -44,15 +47,19 @@ class Parser(argparse.ArgumentParser):
         )
 
     def add_words(self, name: str, offers: Words, **more: Any) -> None:
-        """Add words of the command line that a shell completes by what ``offers`` names."""
-        self.add_argument(name, **more)
-        self.offers[name] = offers
+        """Add words, or an option with its word, that a shell completes by what ``offers`` names."""
+        self.offers[self.add_argument(name, **more).dest] = offers
 
-    def add_overrides(self, name: str = "overrides", metavar: str = "OVERRIDE", more: str = "") -> None:
-        """Add Hydra overrides, as every verb on trials takes them; ``name`` may take other words, too."""
+    def add_overrides(
+        self, name: str = "overrides", metavar: str = "OVERRIDE", more: str = "", only: tuple[str, ...] = ("",)
+    ) -> None:
+        """Add Hydra overrides, as every verb on trials takes them: those that begin as ``only`` says.
+
+        ``name`` may take other words, too.
+        """
         text = f"a choice (method=ours) or a value (noise.level=0.02) as for 'harness run'{more}"
         self.add_argument(name, nargs="*", metavar=metavar, help=text)
-        self.overrides = name
+        self.overrides, self.only = name, only
 
     def error(self, message: str) -> NoReturn:
         print(f"{self.prog}: {printable(message)}; see '{self.prog} --help'", file=sys.stderr)

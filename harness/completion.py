@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
-from harness.arguments import Parser
+from harness.arguments import FILES, Parser
 from harness.parsers import PARSERS, completion
 
-QUERY, FILES = "--query", ":files"
+QUERY = "--query"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -65,9 +65,8 @@ def _of_verb(parser: Parser, before: Sequence[str], word: str) -> dict[str, str]
     if value_of is not None:
         if value_of.type is Path:
             return {FILES: ""}
-        if value_of.dest in parser.offers:
-            return _beginning(word, parser.offers[value_of.dest]())
-        return _beginning(word, dict.fromkeys(map(str, value_of.choices or ()), ""))
+        offers = parser.offers.get(value_of.dest, lambda: dict.fromkeys(map(str, value_of.choices or ()), ""))
+        return _beginning(word, offers())
     if word.startswith("-"):
         return _beginning(word, {flag: action.help or "" for flag, action in options.items() if len(flag) > 2})
     place = places[min(len(words), len(places) - 1)] if places else None
@@ -85,12 +84,14 @@ def _of_verb(parser: Parser, before: Sequence[str], word: str) -> dict[str, str]
     if place.dest == parser.overrides:
         from harness.overrides import complete  # loads Hydra
 
-        found |= complete([given for given in words if "=" in given or given.startswith("~")], word)
+        overrides = complete([given for given in words if "=" in given or given.startswith("~")], word)
+        found |= {each: text for each, text in overrides.items() if each.startswith(parser.only)}
     return found
 
 
 def _beginning(word: str, offered: Mapping[str, str]) -> dict[str, str]:
-    return {name: "" if text is SUPPRESS else text for name, text in offered.items() if name.startswith(word)}
+    begin = {name: "" if text is SUPPRESS else text for name, text in offered.items() if name.startswith(word)}
+    return begin if FILES not in offered else {FILES: ""}
 
 
 def _sentence(parser: Parser) -> str:

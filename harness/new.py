@@ -27,6 +27,7 @@ KINDS = {"method": (methods.ENTRY_POINTS, "methods"), "dataset": (datasets.ENTRY
 def main(argv: Sequence[str]) -> int:
     """Write the files and say what to do next."""
     given = parsers.new().read(argv)
+    _check_name(given.kind, given.name)
     root = checkout()
     if given.package is None and root is not None and Path.cwd().is_relative_to(root):
         texts = _in_checkout(root, given.kind, given.name)

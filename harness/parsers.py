@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from harness.arguments import Parser, Words
+from harness.arguments import FILES, Parser, Words
 
 CODES = "exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage"
 SHELLS = ("bash", "zsh", "fish")
@@ -21,7 +21,7 @@ def run() -> Parser:
         "harness run",
         "Run one trial, a sweep, or an experiment. What is done already is not repeated.",
         """\
-harness run  # one trial on generated bodies, with the choices of conf/config.yaml
+harness run  # one trial on generated bodies, by conf/config.yaml
 harness run dataset=dance_yoga method=ours  # one trial on two real sequences
 harness run dataset=procedural 'dataset.bodies=[person,face]' dataset.points=20 dataset.frames=40
 harness run dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02  # a sweep: 8 trials
@@ -41,51 +41,49 @@ harness run --cfg job method=edsc  # the configuration, and nothing runs""",
     parser.add_argument("-c", "--cfg", choices=["job", "hydra", "all"], help="show the configuration and run nothing")
     parser.add_argument("-p", "--package", metavar="KEY", help="with --cfg: show this part of it alone")
     parser.add_argument("--resolve", action="store_true", help="with --cfg: put values in the place of ${...}")
-    parser.add_argument(
-        "-i", "--info", choices=["all", "config", "defaults", "defaults-tree", "plugins", "searchpath"],
-        help="show what Hydra has found, and run nothing",
-    )  # fmt: skip
+    parts = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    text = f"show what Hydra has found of {', '.join(parts)}, and run nothing"
+    parser.add_argument("-i", "--info", choices=parts, metavar="PART", help=text)
     parser.add_argument("-cd", "--config-dir", type=Path, metavar="FOLDER", help="add the files of a tree like conf/")
     parser.add_argument("--hydra-help", action="store_true", help="Hydra's own help")
     return parser
 
 
 def solve() -> Parser:
-    """Its overrides are those of ``method``, ``cameras`` and ``limits.memory_gb``."""
     parser = Parser(
         "harness solve",
         "Reconstruct tracks of your own in 3D, and tell the bodies apart. No tracker is needed.",
         """\
 harness solve tracks.npz --bodies 2  # arrays: tracks (F, 2, P) or W (2F, P); NaN is not observed
-harness solve tracks.csv --bodies auto  # frame,track,x,y[,label][,visible], a line an observation
-harness solve wide.csv --bodies 2  # x_A,y_A,x_B,y_B or A.x,A.y,B.x,B.y, a line a frame
-harness solve take.c3d --open  # markers in 3D before a camera that circles; opens the view
 harness solve tracks.mat --bodies 3 --method bmm_ssc3d
-harness solve tracks.npz --bodies 2 --cameras estimated --rank 7
+harness solve tracks.csv --bodies auto  # a line for each observation: frame,track,x,y[,label][,visible]
+harness solve wide.csv --bodies 2  # a line for each frame: x_A,y_A,x_B,y_B,... or A.x,A.y,B.x,B.y,...
+harness solve take.c3d  # markers in 3D, seen by a camera that circles; the truth is known
+harness solve tracks.npz --bodies 2 --rank 7  # cameras from the tracks, which deform in 7 shapes
 harness solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16""",
-        "fields of .npz and .mat, all but the tracks optional:\n"
-        "  tracks or W     (F, 2, P) or (2F, P), rows x, y       visible    (F, P), 1 where a track is observed\n"
-        "  cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal     labels, s  (P,), the true body of each track\n"
-        "  structure or S  (F, 3, P) or (3F, P), the truth\n\n"
-        "written: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, ply/frame_0000.ply and so\n"
-        "on, view.html (3D, for any browser, no network), summary.txt, result.json\n\n"
-        "exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 usage",
+        """\
+fields of .npz and .mat, all but the tracks optional (rows of a frame stand together):
+  tracks or W     (F, 2, P) or (2F, P), rows x, y      visible     (F, P), 1 where a track is observed
+  cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal    labels, s   (P,), the true body of each track
+  structure or S  (F, 3, P) or (3F, P), the truth
+
+written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, summary.txt,
+result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
+
+exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )
-    parser.add_argument("file", type=Path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_words("file", _path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_overrides(
+        only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
+    )
+    words = "how many bodies there are, or auto to have them counted, which is seldom right"
+    parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
+    parser.add_words("--method", _choices("method"), default="ours", help="any of 'harness list methods' (ours)")
     parser.add_argument(
-        "overrides", nargs="*", metavar="OVERRIDE", help="a setting of the method, of cameras, or limits.memory_gb"
+        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
     )
-    parser.overrides = "overrides"
-    parser.add_argument(
-        "--bodies", metavar="N", help="how many there are, or auto: counted, which is seldom right; the labels' number"
-    )
-    parser.add_argument("--method", metavar="NAME", default="ours", help="of 'harness list methods'; %(default)s")
-    parser.offers["method"] = _choices("method")
-    parser.add_argument(
-        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, where it has some"
-    )
-    parser.add_argument("--rank", type=int, metavar="K", help="shapes, for estimated cameras; 11 by default")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write; OUTPUT/solve/NAME by default")
+    parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in HARNESS_OUTPUT)")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
     return parser
 
@@ -119,7 +117,7 @@ def report() -> Parser:
         "Rebuild tables, figures and claims from what was run; no method runs. Written are index.html, the tables as "
         "md, tex (as in the paper, and for audit), html, csv and json, and the paper's claims.",
         """\
-harness report  # tables 1 and 2, in the terminal and in outputs/report
+harness report  # tables 1 and 2, here and in outputs/report
 harness report --claims  # the paper's claims, held or not
 harness report table1 noise convergence --figures  # figures as svg, pdf and png as well
 harness report table1 dataset.motion=native 'dataset.placement=[3,0,0]'
@@ -324,6 +322,10 @@ def _choices(group: str) -> Words:
         return {name: line for name, (line, _) in choices(group).items()}
 
     return offers
+
+
+def _path() -> Mapping[str, str]:
+    return {FILES: ""}
 
 
 def _baselines() -> Mapping[str, str]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from threadpoolctl import threadpool_limits
 
 from datasets.scene import Scene
 from datasets.tracks import load_tracks
@@ -236,7 +237,7 @@ def solve(
     rank : int, optional
         K, the number of shapes that estimation allows; see ``conf/cameras/estimated.yaml``.
     overrides : sequence of str
-        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``.
+        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``.
     progress : callable, optional
         Told of every iteration, see :data:`methods.base.Progress`; of the stages, too, if it has a method ``stage``.
     **settings
@@ -271,14 +272,15 @@ def solve(
         made, name = method.set_params(**settings) if settings else method, type(method).__name__
         parameters = method.get_params()
     start = time.perf_counter()
-    found = reconstruct(
-        scene,
-        made,
-        n_bodies,
-        asked["cameras"],
-        memory_gb=float(asked["limits"]["memory_gb"]),
-        progress=progress,
-    )
+    with threadpool_limits(int(asked["threads"])):  # more are slower on small arrays, and many times beside other work
+        found = reconstruct(
+            scene,
+            made,
+            n_bodies,
+            asked["cameras"],
+            memory_gb=float(asked["limits"]["memory_gb"]),
+            progress=progress,
+        )
     source = "the file" if known else f"the tracks, K = {asked['cameras'].get('rank')}"
     return Solution(
         scene=scene,

@@ -10,7 +10,7 @@ from typing import Any
 from harness import parsers
 from harness.record import AUTO, UsageError
 
-ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=")
+ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -25,7 +25,7 @@ def main(argv: Sequence[str]) -> int:
     """
     given = parsers.solve().read(argv)
     if odd := [word for word in given.overrides if not word.startswith(ALLOWED)]:
-        raise UsageError(f"{odd[0]!r} is no override of {', '.join(ALLOWED[::2])} or limits.memory_gb; see --help")
+        raise UsageError(f"{odd[0]!r} is no override of method., cameras., limits.memory_gb or threads; see --help")
     try:
         return _solve(given)
     except KeyboardInterrupt:

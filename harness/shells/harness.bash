@@ -1,4 +1,4 @@
-# Completion of 'harness' in bash 3.2 and later:  eval "$(harness completion bash)"
+# Completion of 'harness' in bash:  eval "$(harness completion bash)"
 _harness() {
     local command=${1/#\~/$HOME} line=${COMP_LINE:0:COMP_POINT} answer word replaced=
     answer=$("$command" completion --query "$line" 2>/dev/null) || return

@@ -190,6 +190,7 @@ CLUSTER = "it needs a cluster, or a server: test_cluster.py runs it with program
 RULES = (
     # what cannot run on a test machine
     Rule(r"make \w+", never="it makes an environment of its own, or is the tests themselves"),
+    Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"harness data get" + ANY, never="it downloads"),
     Rule(r"harness ui" + ANY, never="it serves until it is stopped"),
     Rule(r"harness (run|report|sync)\b.* (hydra/launcher=\w+ \S+|tracking)=.*", never=CLUSTER),

@@ -66,11 +66,10 @@ def test_broken_files_are_one_clear_line(harness: Shell, tmp_path: Path, content
     assert str(path) in line
 
 
-@pytest.mark.parametrize("verb", ["", "plan", "report", "compare", "bless", "list", "data", "sync", "ui", "run"])
-def test_every_verb_explains_itself(harness: Shell, verb: str) -> None:
-    done = harness(*([verb] if verb else []), "--help")
+def test_usage_is_printed(harness: Shell) -> None:
+    done = harness("--help")
     assert done.returncode == 0
-    assert "harness" in done.stdout
+    assert done.stdout.startswith("usage: harness VERB")
 
 
 def test_list_names_what_there_is(harness: Shell) -> None:

@@ -105,7 +105,7 @@ def _compose(verb: str, words: list[str]) -> None:
             overrides.insert(0, f"method={given.method}")
     overrides = [word for word in overrides if "=" in word]
     names = [word for word in words if verb == "report" and re.fullmatch(r"\w+", word) and "." not in word]
-    if verb in ("list", "new", "sync", "ui", "completion") or any(own in " ".join(words) for own in OWN):
+    if verb in ("list", "new", "sync", "ui", "doctor", "completion") or any(own in " ".join(words) for own in OWN):
         return
     for own in [[f"+experiment={name}"] for name in names if (ROOT / f"conf/experiment/{name}.yaml").exists()] or [[]]:
         _make((*own, *overrides))

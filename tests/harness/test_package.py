@@ -135,7 +135,7 @@ def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Installe
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
+@pytest.mark.timeout(3600)
 def test_the_wheel_runs_in_a_clean_environment(installed: Installed) -> None:
     place = installed("-c", "import harness; print(harness.__file__)", program="python").stdout.strip()
     site = Path(place).parents[1]
@@ -154,10 +154,9 @@ def test_the_wheel_runs_in_a_clean_environment(installed: Installed) -> None:
 
     assert "1 run" in installed("run", "dataset=procedural", "dataset.points=8", "dataset.frames=12").stdout
     quick = ("+experiment=quick", "method=edsc")
-    assert "0 failed" not in installed("run", *quick).stdout
+    installed("run", *quick)
     installed("report", "quick", "method=edsc", "--quiet")
-    compared = installed("compare", *quick, code=2).stdout  # the baseline has methods that were not run
-    assert "edsc" in compared or "missing" in compared
+    assert "missing" in installed("compare", *quick, code=2).stdout  # the baseline has methods that were not run
     refused = installed("bless", "quick", "--reason", "here", *quick, code=3).stderr
     assert "name a file, quick.json" in refused
     installed("bless", "quick.json", "--reason", "here", *quick)
@@ -168,5 +167,4 @@ def test_the_wheel_runs_in_a_clean_environment(installed: Installed) -> None:
     assert contents(site, (".",)) == before
     installed(*pip, program="pip")
     assert "[nrsfm-my-method]" in installed("list", "methods").stdout
-    ran = installed("run", "method=my_method", "dataset.points=8", "dataset.frames=12").stdout
-    assert "1 trial: 1 run" in ran
+    assert "1 run" in installed("run", "method=my_method", "dataset.points=8", "dataset.frames=12").stdout
