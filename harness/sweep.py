@@ -76,7 +76,7 @@ class Work:
             jobs = [Job(Trial(**row["trial"]), _settings(row["settings"]), row["old"]) for row in data.pop("jobs")]
             work = cls(path, jobs, **data)
             _, pid, _ = work.home.split(" ")
-            fits = time.time() > work.until - 10**10 and int(pid) > 0
+            fits = isinstance(work.until, int | float) and int(pid) > 0
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise UsageError(f"{path} is no list of trials ({one_line(error)}); start the sweep again") from None
         if not fits:

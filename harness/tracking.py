@@ -129,7 +129,7 @@ class Tracker:
         from mlflow.entities import Metric, Param, RunStatus, RunTag
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
-        client = self.client
+        client, curves = self.client, _curves(folder)  # what is wrong with the folder is no fault of the tracker
         with FileLock(self.output / ".tracker.lock"), self._in_words():
             for run in client.search_runs([self._experiment], f"tags.trial_key = '{outcome.key}'"):
                 if run.data.tags.get("finished") == outcome.finished:
@@ -145,7 +145,7 @@ class Tracker:
             measured = {name: getattr(outcome, name) for name in ("seconds", "cpu_seconds", "peak_mb")}
             metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
             points = [Metric(name, value, end, 0) for name, value in metrics.items()]
-            points += [Metric(name, value, end, step) for name, step, value in _curves(folder)]
+            points += [Metric(name, value, end, step) for name, step, value in curves]
             place = get_artifact_repository(run.info.artifact_uri, tracking_uri=self.uri)
             for name in (RESULT, ARRAYS, TRACEBACK, LOG):
                 if (folder / name).is_file() and (folder / name).stat().st_size:

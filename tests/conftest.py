@@ -15,7 +15,6 @@ import pytest
 
 from datasets import procedural
 from datasets.scene import Scene
-from tests.harness.servers import postgres_folder
 
 PAIRS = (
     "dance_yoga",
@@ -36,7 +35,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if item.get_closest_marker("data"):
                 item.add_marker(absent)
     programs = {"browser": (chromium(), "Chromium"), "tex": (shutil.which("pdflatex"), "pdflatex")}
-    programs["postgres"] = (postgres_folder() and find_spec("psycopg"), "PostgreSQL, or the extra 'server',")
+    if any(item.get_closest_marker("postgres") for item in items):
+        from tests.harness.servers import postgres_folder
+
+        programs["postgres"] = (postgres_folder() and find_spec("psycopg"), "PostgreSQL, or the extra 'server',")
     for name, (found, wanted) in programs.items():
         for item in items:
             if not found and item.get_closest_marker(name):

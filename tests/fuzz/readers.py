@@ -192,8 +192,8 @@ def _work() -> list[bytes]:
     trial = {name: {"name": "a", "source": "known", "level": 0.0, "repeat": 0} for name in ("dataset", "method")}
     trial |= {"cameras": {"source": "known"}, "noise": {"level": 0.0, "repeat": 0}}
     settings = {"output": "/nowhere", "data": "/nowhere", "seconds": 10.0}
-    head = {"since": "2026-01-02T03:04:05.678+00:00", "until": 1.0, "home": "host 1 2"}
-    return [json.dumps(head | {"jobs": [{"trial": trial, "settings": settings}]}).encode()]
+    head = {"until": 1.0, "home": "host 1 2"}
+    return [json.dumps(head | {"jobs": [{"trial": trial, "settings": settings, "old": ""}]}).encode()]
 
 
 def _override(folder: Path) -> None:

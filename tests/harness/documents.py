@@ -192,6 +192,7 @@ RULES = (
     Rule(r"make \w+", never="it makes an environment of its own, or is the tests themselves"),
     Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"harness data get" + ANY, never="it downloads"),
+    Rule(r"python -m tests.fuzz.coverage .*", never="it takes as many minutes as there are readers, and an extra"),
     Rule(r"harness ui" + ANY, never="it serves until it is stopped"),
     Rule(r"harness (run|report|sync)\b.* (hydra/launcher=\w+ \S+|tracking)=.*", never=CLUSTER),
     Rule(r"(pip install '.*'|createuser|createdb|export|mlflow)" + ANY, never=CLUSTER),

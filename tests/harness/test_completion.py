@@ -60,7 +60,7 @@ def after(line: str) -> list[str]:
         ("run hydra/launcher=jo", ["hydra/launcher=joblib"]),
         ("run 'cameras=", ["cameras=estimated", "cameras=known"]),
         ("solve ", [":files"]),
-        ("solve tracks.npz ", ["cameras.", "limits.", "method."]),
+        ("solve tracks.npz ", ["cameras.", "limits.", "method.", "threads="]),
         ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k6", "bmm_ssc3d_share70"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
         ("frobnicate ", []),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from datasets import procedural
 from datasets.cameras import orbit, project
 from datasets.registry import ENTRY_POINTS
 from datasets.scene import Scene
@@ -26,10 +27,20 @@ def test_methods(check: Check) -> None:
 
 
 @parametrize_with_checks(
-    *(f"dataset={name}{MORE.get(name, '')}" for name, (_, package) in choices("dataset").items() if not package)
+    *(
+        f"dataset={name}{MORE.get(name, '')}"
+        for name, (_, package) in choices("dataset").items()
+        if not package and name != "tracks"
+    )
 )
 def test_datasets(check: Check) -> None:
     check()
+
+
+def test_tracks_of_ones_own(tmp_path: Path) -> None:
+    scene = procedural.load_scene(["person", "face"], 8, 12, 0, name="mine", placement="paper")
+    np.savez(tmp_path / "mine.npz", tracks=scene.tracks, cameras=scene.cameras, labels=scene.labels)
+    check_dataset({"source": "tracks", "name": "mine", "file": "mine.npz"}, tmp_path)
 
 
 class Middle(Method):

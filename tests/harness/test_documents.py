@@ -87,7 +87,7 @@ def test_command_is_composed(command: Command, tree: None) -> None:
     elif program == "eval":
         assert words[0].startswith("$(harness completion "), command
     else:
-        assert program in ("pip", "pytest", "createuser", "createdb", "export", "mlflow"), command
+        assert program in ("pip", "pytest", "python", "createuser", "createdb", "export", "mlflow"), command
 
 
 def _compose(verb: str, words: list[str]) -> None:

@@ -37,7 +37,7 @@ def test_an_experiment_can_be_narrowed(harness: Shell, tmp_path: Path, words: li
     done = harness("run", "+experiment=quick", *narrow)
     assert done.returncode == 0, done.stderr
     n = len(records(tmp_path))
-    assert f"{n} trials: {n} missing." in planned
+    assert f"{n} trial{'' if n == 1 else 's'}: {n} missing." in planned
     assert n == {1: 5, 2: 1}[len(words)] if "noise.level=0" in words else n == 4
 
 
