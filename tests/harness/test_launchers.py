@@ -77,8 +77,19 @@ def test_killed_sweep_loses_no_finished_trial(
     assert len(after) == 6
 
 
-@every_launcher
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("launcher", "sign"),
+    [
+        ("basic", signal.SIGINT),
+        ("basic", signal.SIGTERM),
+        ("joblib", signal.SIGINT),
+        pytest.param("joblib", signal.SIGTERM, marks=pytest.mark.slow),
+        ("submitit_local", signal.SIGTERM),
+        pytest.param("submitit_local", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("ray", signal.SIGINT, marks=[pytest.mark.slow, RAY]),
+        pytest.param("ray", signal.SIGTERM, marks=[pytest.mark.slow, RAY]),
+    ],
+)
 def test_interrupted_sweep_says_so_and_goes_on_later(
     shell: Shell, environment: dict[str, str], tmp_path: Path, launcher: str, sign: signal.Signals
 ) -> None:
@@ -99,7 +110,17 @@ def test_interrupted_sweep_says_so_and_goes_on_later(
     assert f"{6 - before} run, {before} done before" in again.stdout
 
 
-@every_launcher
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        "basic",
+        "joblib",
+        *(
+            pytest.param(name, marks=[pytest.mark.slow, RAY] if name == "ray" else pytest.mark.slow)
+            for name in ("submitit_local", "ray")
+        ),
+    ],
+)
 def test_killed_workers_cost_nothing(environment: dict[str, str], tmp_path: Path, launcher: str) -> None:
     """Everything but the sweep's own process is killed once: workers, trials, and the server that forks them."""
     sweep = started(environment, tmp_path, *SLOW, f"hydra/launcher={launcher}", "hydra.verbose=false")
