@@ -6,6 +6,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
+from multiprocessing.connection import Connection
 from types import TracebackType
 
 from rich.console import Console
@@ -33,16 +34,24 @@ class Follower:
         The trials of the sweep, by key.
     before : collection of str
         Keys of those that are done before it begins.
+    ready : Connection, optional
+        As of :class:`harness.writer.Writer`.
 
     ``entries`` holds what ended so far by key.
     """
 
-    def __init__(self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str]) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        trials: Mapping[str, Trial],
+        before: Collection[str],
+        ready: Connection | None = None,
+    ) -> None:
         self.settings = settings
         self.trials = trials
         self.entries: dict[str, Entry] = {}
         self._before = [key for key in trials if key in before]
-        self._writer = Writer(settings)
+        self._writer = Writer(settings, ready)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
         self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before

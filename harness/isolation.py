@@ -61,8 +61,16 @@ def start_server(threads: int = 1) -> None:
 
 
 def start_process(target: Callable[..., None], *args: Any) -> None:
-    """Start a long-lived helper process that ends by itself when its connection does."""
-    _start(target, args, threads=1, daemon=True)
+    """Start a long-lived helper process that ends by itself when its connection does, and that Ctrl-C does not reach.
+
+    It is a fresh interpreter that starts at once, beside the server that loads what trials need.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        with _CHILDREN, _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
+            multiprocessing.get_context("spawn").Process(target=target, args=args, daemon=True).start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def run_isolated(
@@ -138,11 +146,11 @@ def run_isolated(
     return Ended(CRASHED, f"the process ended with exit code {code}")
 
 
-def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int, daemon: bool = False) -> ForkServerProcess:
+def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int) -> ForkServerProcess:
     """Have the server fork a process; a server that is killed in this moment is started again."""
     for left in reversed(range(STARTS)):
         start_server(threads)
-        child = _CONTEXT.Process(target=target, args=args, daemon=daemon)
+        child = _CONTEXT.Process(target=target, args=args)
         try:
             with _CHILDREN, _light_main():
                 child.start()

@@ -27,6 +27,7 @@ from harness.record import OK, Trial, UsageError
 from harness.storage import check_space, read_record
 from harness.sweep import Job, Work, go_through
 from harness.trial import identify, journal, repeats
+from harness.writer import prepare
 from reports.text import printable
 
 ATTEMPTS = 3  # in a row that may end early without a trial done
@@ -64,6 +65,7 @@ def main(argv: Sequence[str]) -> int:
         print(shown(said.getvalue()), end="")
         return code
     start_server()
+    writer = prepare()
     trials = expand(overrides)
     sweep = trials[0][1].sweep or _name()
     jobs: dict[str, Job] = {}
@@ -86,7 +88,7 @@ def main(argv: Sequence[str]) -> int:
 
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
     asked_for = {key: job.trial for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys()) as follower:
+    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys(), writer) as follower:
         trouble = _carry_out(missing, settings, launcher)
     if trouble:
         print(f"harness run: {printable(trouble)}; start it again to run the rest", file=sys.stderr)

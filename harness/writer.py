@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import multiprocessing
 import signal
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness.address import shown
-from harness.experiments import Settings
 from harness.isolation import start_process
 from harness.record import UsageError
 from harness.storage import read_record
 from harness.tracking import Tracker
+
+if TYPE_CHECKING:
+    from harness.experiments import Settings
 
 PATIENCE = 5.0  # seconds before a tracker that could not be written is tried again
 SILENCE = 60.0  # seconds at the end without a trial written, after which a tracker counts as lost
@@ -32,11 +36,13 @@ class Writer:
     Parameters
     ----------
     settings : Settings
+    ready : Connection, optional
+        To a process that :func:`prepare` has started; closed at the end, used or not.
 
     ``trouble`` says what keeps the tracker from being written, "" for nothing.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, ready: Connection | None = None) -> None:
         self.trouble = ""
         self._settings = settings
         self._waiting: dict[str, None] = {}  # not written yet
@@ -45,13 +51,16 @@ class Writer:
         self._again = 0.0
         self._heard = 0.0
         self._failures = 0  # in a row
+        self._ready = ready
         self._pipe: Connection | None = None
 
     def start(self) -> None:
-        """Start the process, which loads MLflow and opens the store while others do their work."""
-        self._pipe, theirs = multiprocessing.Pipe()
-        start_process(_serve, theirs, self._settings.tracking_uri, self._settings.output, self._settings.trials)
-        theirs.close()
+        """Have the process open the store while others do their work."""
+        self._pipe, self._ready = self._ready or prepare(), None
+        try:
+            self._pipe.send((self._settings.tracking_uri, self._settings.output, self._settings.trials))
+        except OSError:
+            self._lost()
 
     def put(self, key: str) -> None:
         """Have a trial written."""
@@ -73,13 +82,15 @@ class Writer:
             if time.monotonic() - self._heard > SILENCE:
                 self.trouble = f"tracker {shown(self._settings.tracking_uri)}: it took no trial for {SILENCE:g} s"
                 break
-        if self._pipe is not None:
-            self._pipe.close()
+        for pipe in (self._pipe, self._ready):
+            if pipe is not None:
+                pipe.close()
 
     def _send(self, keys: list[str]) -> None:
         if self._pipe is None:
             self.start()
-        assert self._pipe is not None
+        if self._pipe is None:  # it was lost at once
+            return
         try:
             self._pipe.send(keys)
             self._sent.update(keys)
@@ -114,13 +125,23 @@ class Writer:
             self.trouble = f"tracker {shown(self._settings.tracking_uri)}: its writer was lost {LIVES} times"
 
 
-def _serve(pipe: Connection, uri: str, output: Path, trials: Path) -> None:
+def prepare() -> Connection:
+    """Start a process that loads MLflow, which takes seconds, while it is found out what there is to write."""
+    pipe, theirs = multiprocessing.Pipe()
+    start_process(_serve, theirs)
+    theirs.close()
+    return pipe
+
+
+def _serve(pipe: Connection) -> None:
     """The process: keys in, what was in the way of each out, until one fails; ends with who holds the other end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    tracker = Tracker(uri, output)
-    with contextlib.suppress(UsageError):
-        _ = tracker.client
+    importlib.import_module("mlflow.store.tracking.sqlalchemy_store")
     with contextlib.suppress(EOFError, OSError):
+        uri, output, trials = pipe.recv()
+        tracker = Tracker(uri, output)
+        with contextlib.suppress(UsageError):
+            _ = tracker.client
         while True:
             for key in pipe.recv():
                 trouble = _write(tracker, trials / key)
