@@ -38,7 +38,7 @@ Plugins.instance().register(Configurations)
 def one_line(error: BaseException) -> str:
     """An error's message on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines[:12]) if lines else type(error).__name__
+    text = " ".join(lines[:100]) if lines else type(error).__name__
     return printable(text).replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
 
 

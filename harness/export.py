@@ -73,8 +73,13 @@ def save(solution: Solution, folder: Path) -> Path:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise UsageError unless a folder is absent, empty, or holds a solution and nothing else."""
+    """Raise UsageError unless a folder can be made, is empty, or holds a solution and nothing else."""
     if not folder.exists():
+        place = next(parent for parent in folder.absolute().parents if parent.exists())
+        try:
+            tempfile.TemporaryDirectory(dir=place).cleanup()
+        except OSError as error:
+            raise UsageError(f"{place} takes no folder ({error.strerror}); name another with --out") from None
         return
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
     if not folder.is_dir() or (held and not _is_ours(folder)):

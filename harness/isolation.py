@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 def start_server(threads: int = 1) -> None:
     """Start the server that forks the children, if it is not there: it loads their libraries while others do theirs."""
     _CONTEXT.set_forkserver_preload(PRELOAD)
-    with _CHILDREN, _environment({name: str(threads) for name in THREAD_VARIABLES}), _light_main():
+    with _CHILDREN, _untouched(), _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _light_main():
         forkserver.ensure_running()
 
 
@@ -65,12 +65,8 @@ def start_process(target: Callable[..., None], *args: Any) -> None:
 
     It is a fresh interpreter that starts at once, beside the server that loads what trials need.
     """
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        with _CHILDREN, _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
-            multiprocessing.get_context("spawn").Process(target=target, args=args, daemon=True).start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    with _CHILDREN, _untouched(), _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
+        multiprocessing.get_context("spawn").Process(target=target, args=args, daemon=True).start()
 
 
 def run_isolated(
@@ -245,6 +241,17 @@ def _kill_group(pid: int | None) -> None:
         for one in (pid, *_members(pid)):  # a child may have made a group of its own
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(one, signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def _untouched() -> Iterator[None]:
+    """Keep Ctrl-C from what is started meanwhile, from its first instruction on; this process takes it afterwards."""
+    resource_tracker.ensure_running()  # which lifts the block where it is not there yet
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

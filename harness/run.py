@@ -137,7 +137,8 @@ def _interruptible() -> Iterator[None]:
 def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
     """Print the tables that a sweep of these trials has just filled."""
     from harness.answers import recorded
-    from reports.layouts import FILLS, Layout
+    from reports.layouts import FILLS
+    from reports.span import span
     from reports.tables import build
     from reports.writers import console
 
@@ -147,7 +148,7 @@ def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) ->
     for table in FILLS.get(name, (name,)):
         asked = trials if table == name else expand([f"+experiment={table}", *others])
         found = recorded(asked)
-        console(build(table, found, None if named else Layout("This sweep", "Every scene and method that it spans.")))
+        console(build(table, found, None if named else span([trial for trial, _ in trials])))
 
 
 def _attempt(work: Work, launcher: Launcher) -> str:

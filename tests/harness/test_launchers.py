@@ -110,6 +110,18 @@ def test_interrupted_sweep_says_so_and_goes_on_later(
     assert f"{6 - before} run, {before} done before" in again.stdout
 
 
+@pytest.mark.parametrize("seconds", [1.0, 2.0, 2.5])
+def test_interrupt_while_everything_loads(environment: dict[str, str], tmp_path: Path, seconds: float) -> None:
+    """Ctrl-C reaches what was started a moment ago, too, and that says nothing of it."""
+    sweep = started(environment, tmp_path, *SLOW)
+    time.sleep(seconds)
+    os.killpg(sweep.pid, signal.SIGINT)
+    _, err = sweep.communicate(timeout=60)
+    assert sweep.returncode == 130
+    assert err.splitlines()[-1] == "harness run: interrupted; what was finished is kept"
+    assert "Traceback" not in err
+
+
 @pytest.mark.parametrize(
     "launcher",
     [

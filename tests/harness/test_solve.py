@@ -237,6 +237,10 @@ COMMANDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "cameras.rank is 0, wanted a whole number": (2, ("bare.npz", "--bodies", "2", "--rank", "0")),
     "its hyper-parameters are": (2, ("bare.npz", "--bodies", "2", "+method.speed=9")),
     "limits.memory_gb is 0.01; raise it": (3, ("bare.npz", "--bodies", "2", "limits.memory_gb=0.01")),
+    "bare.npz takes no folder (Not a directory); name another with --out": (
+        3,
+        ("bare.npz", "--bodies", "2", "--out", "bare.npz/x"),
+    ),
     "mine is there and no solution of harness solve": (3, ("bare.npz", "--bodies", "2", "--out", "mine")),
     "notes.txt is there and no solution": (3, ("bare.npz", "--bodies", "2", "--out", "notes.txt")),
     "'letter.txt', which would be lost": (3, ("bare.npz", "--bodies", "2", "--out", "ours")),
