@@ -34,7 +34,7 @@ usage: harness VERB ...
   harness run +experiment=table1 && harness report table1
   harness solve tracks.npz --bodies 2
 
-'harness VERB --help' says more. Exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage.
+'harness VERB --help' says more. Exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage, 130 interrupted.
 """
 
 
