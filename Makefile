@@ -25,9 +25,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 tables: $(INSTALLED)
-	-@$(BIN)/harness data get
-	-@$(BIN)/harness run +experiment=tables
-	@$(BIN)/harness report --quiet
+	-@$(BIN)/nrsfm data get
+	-@$(BIN)/nrsfm run experiment=tables
+	@$(BIN)/nrsfm report --quiet
 
 test: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -45,7 +45,7 @@ validate: $(INSTALLED)
 
 test-server: $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,server]'
-	@$(BIN)/python -c 'import sys; from tests.harness.servers import postgres_folder as p; sys.exit(p() is None)' || \
+	@$(BIN)/python -c 'import sys; from tests.harness.tracking.servers import postgres_folder as p; sys.exit(p() is None)' || \
 	  { [ "$$(id -u)" = 0 ] && apt-get update --quiet && apt-get install --quiet --yes postgresql; } || \
 	  { echo "PostgreSQL's programs are not there: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
 	$(BIN)/pytest -m postgres

@@ -1,2 +1,2 @@
 #: The group of entry points by which installed packages bring sources of datasets.
-ENTRY_POINTS = "nrsfm_harness.datasets"
+ENTRY_POINTS = "nrsfm.datasets"

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.errors import DatasetError as DatasetError
-from datasets.errors import MissingData as MissingData
+from nrsfm.datasets.errors import DatasetError
 
 Array = NDArray[np.float64]
 

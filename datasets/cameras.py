@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.body import Array
+from nrsfm.datasets.body import Array
 
 
 def orbit(n_frames: int, degrees_per_frame: float = 5.0) -> Array:

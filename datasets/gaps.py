@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.body import Array, DatasetError
-from datasets.noise import seed
+from nrsfm.datasets.body import Array
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.noise import seed
 
 KINDS = ("none", "random", "stretches")
 

@@ -6,7 +6,8 @@ import hashlib
 
 import numpy as np
 
-from datasets.body import Array, DatasetError
+from nrsfm.datasets.body import Array
+from nrsfm.datasets.errors import DatasetError
 
 
 def seed(scene: str, level: float, repeat: int) -> int:

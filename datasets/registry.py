@@ -2,7 +2,7 @@
 
 A source of one's own is a module with two functions, ``load(settings, folder)``, which gives a Scene, and
 ``digest(settings, folder)``, which gives the identity of the data in one line without making the scene. It stands in
-``datasets/NAME.py``, or in an installed package under the entry point group ``nrsfm_harness.datasets``,
+``datasets/NAME.py``, or in an installed package under the entry point group ``nrsfm.datasets``,
 ``NAME = "package.module"``.
 """
 
@@ -17,10 +17,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from datasets import ENTRY_POINTS, garg, hopkins, mocap, procedural, sources, take, tracks, two_person
-from datasets.body import Body, DatasetError, MissingData
-from datasets.scene import Scene
-from datasets.thinning import Thinning
+from nrsfm.datasets import ENTRY_POINTS
+from nrsfm.datasets.body import Body
+from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.generated import procedural
+from nrsfm.datasets.generated.motion import VERSION
+from nrsfm.datasets.public import catalogue as sources
+from nrsfm.datasets.real import garg, hopkins, mocap, take, tracks, two_person
+from nrsfm.datasets.real.thinning import Thinning
+from nrsfm.datasets.scene import Scene
 
 Settings = Mapping[str, Any]
 
@@ -88,9 +93,9 @@ def _files_digest(bodies: Iterable[str], motion: str, folder: Path, stand_in: bo
         if path.is_file():
             parts.append(sources.sha256(path))
         elif stand_in:
-            parts.append(procedural.VERSION)
+            parts.append(VERSION)
         else:
-            raise MissingData(f"{path} is not there; fetch it with 'harness data get' or set NRSFM_DATA to its folder")
+            raise MissingData(f"{path} is not there; fetch it with 'nrsfm data get' or set NRSFM_DATA to its folder")
     return " ".join(parts)
 
 
@@ -110,7 +115,7 @@ def _procedural(settings: Settings, folder: Path, stand_in: bool) -> Scene:
 
 
 def _procedural_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
-    return procedural.VERSION
+    return VERSION
 
 
 def _hopkins(settings: Settings, folder: Path, stand_in: bool) -> Scene:
@@ -191,6 +196,8 @@ def _tracks_digest(settings: Settings, folder: Path, stand_in: bool) -> str:
 
 
 Source = tuple[Callable[[Settings, Path, bool], Scene], Callable[[Settings, Path, bool], str]]
+
+
 SOURCES: dict[str, Source] = {
     "mocap": (_mocap, _mocap_digest),
     "mocap_body": (_mocap_body, _mocap_body_digest),

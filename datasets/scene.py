@@ -8,12 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.body import Array, Body, DatasetError, centre, no_edges, observed, spread, upright
-from datasets.cameras import orbit, project
-from datasets.gaps import drop
-from datasets.noise import add_noise
+from nrsfm.datasets.body import Array, Body, centre, no_edges, observed, spread, upright
+from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.gaps import drop
+from nrsfm.datasets.noise import add_noise
 
 PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
+
+
 SCALES = ("sequence", "cut", "stored")
 
 
@@ -117,11 +120,11 @@ class Scene:
         return None if self.labels is None else len(np.unique(self.labels))
 
     def with_noise(self, level: float, repeat: int = 0) -> Scene:
-        """A copy with noise on the tracks (see :func:`datasets.noise.add_noise`)."""
+        """A copy with noise on the tracks (see :func:`nrsfm.datasets.noise.add_noise`)."""
         return replace(self, tracks=add_noise(self.tracks, level, repeat, self.name))
 
     def with_gaps(self, kind: str, share: float, length: int = 1, repeat: int = 0) -> Scene:
-        """A copy with a share of the observations dropped (see :func:`datasets.gaps.drop`); the truth stays whole."""
+        """A copy with a share of the observations dropped (see :func:`nrsfm.datasets.gaps.drop`); the truth stays whole."""
         visible = drop(self.tracks, kind, share, length, repeat, self.name)
         if visible.all():
             return self

@@ -7,8 +7,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "extensions"), str(HERE.parent)]
 
-project = "nrsfm-harness"
-release = version = metadata.version("nrsfm-harness")
+project = "nrsfm"
+release = version = metadata.version("nrsfm")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docstrings", "generated", "svgmath"]
 exclude_patterns = ["extensions", "static"]

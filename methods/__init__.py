@@ -1,2 +1,2 @@
 #: The group of entry points by which installed packages bring methods.
-ENTRY_POINTS = "nrsfm_harness.algorithms"
+ENTRY_POINTS = "nrsfm.methods"

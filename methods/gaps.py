@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from methods.base import Array, Mask, check_gaps
-from methods.proximal import singular_value_threshold
+from nrsfm.methods.base import Array, Mask, check_gaps
+from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 
 def misfit(W: Array, X: Array, visible: Mask | None) -> Array:

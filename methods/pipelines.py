@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from methods.base import (
+from nrsfm.methods.base import (
     Array,
     Labels,
     Mask,
@@ -27,8 +27,8 @@ from methods.base import (
     stage,
     standardise,
 )
-from methods.gaps import complete, enough
-from methods.pta import trajectory_basis
+from nrsfm.methods.gaps import complete, enough
+from nrsfm.methods.structure.pta import trajectory_basis
 
 
 class ClusterTracks(Method):
@@ -63,7 +63,7 @@ class ClusterTracks(Method):
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
         stage(progress, "clustering" if visible is None else "gaps")
         tracks = complete(tracks, visible)
         check_tracks(tracks)
@@ -78,7 +78,7 @@ class ClusterTracks(Method):
         return Reconstruction(labels=labels, affinity=affinity)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`methods.base.Method.memory`."""
+        """See :meth:`nrsfm.methods.base.Method.memory`."""
         return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
@@ -111,7 +111,7 @@ class ReconstructThenCluster(Method):
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
         check_shape(tracks)
         check_bodies(n_bodies, tracks.shape[2])
         structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
@@ -120,7 +120,7 @@ class ReconstructThenCluster(Method):
         return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`methods.base.Method.memory`."""
+        """See :meth:`nrsfm.methods.base.Method.memory`."""
         structure = self.reconstructor.memory(n_frames, n_points) or 0.0
         return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
 
@@ -161,7 +161,7 @@ class ClusterThenReconstruct(Method):
         edges: NDArray[np.int64] | None = None,
         progress: Progress | None = None,
     ) -> Reconstruction:
-        """See :meth:`methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         check_cameras(cameras, len(tracks))
         stage(progress, "clustering" if visible is None else "gaps")
         data = standardise(complete(tracks, visible))
@@ -180,7 +180,7 @@ class ClusterThenReconstruct(Method):
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`methods.base.Method.memory`."""
+        """See :meth:`nrsfm.methods.base.Method.memory`."""
         structure = self.reconstructor.memory(n_frames, n_points) or 0.0
         return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
 

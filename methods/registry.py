@@ -1,7 +1,7 @@
 """Methods and their parts by the names that configurations use.
 
 A module ``methods/NAME.py`` with one class needs no entry here. An installed package adds its own under the entry
-point group ``nrsfm_harness.algorithms``, ``NAME = "package.module:Class"``.
+point group ``nrsfm.methods``, ``NAME = "package.module:Class"``.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from methods import ENTRY_POINTS
-from methods.adaptive import AdaptiveMultiBody
-from methods.base import Method, MethodError
-from methods.bmm import BMM
-from methods.edsc import EDSC
-from methods.lrr import LRR
-from methods.multibody import MultiBody
-from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
-from methods.pta import PTA
-from methods.ssc import SSC
-from methods.ssc_omp import SSCOMP
+from nrsfm.methods import ENTRY_POINTS
+from nrsfm.methods.base import Method, MethodError
+from nrsfm.methods.clustering.edsc import EDSC
+from nrsfm.methods.clustering.lrr import LRR
+from nrsfm.methods.clustering.ssc import SSC
+from nrsfm.methods.clustering.ssc_omp import SSCOMP
+from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
+from nrsfm.methods.multibody.printed import MultiBody
+from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
+from nrsfm.methods.structure.bmm import BMM
+from nrsfm.methods.structure.pta import PTA
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "ours": AdaptiveMultiBody,
@@ -106,7 +106,7 @@ def _of_package(entry: EntryPoint) -> type[BaseEstimator]:
             f"{where} cannot be imported: {type(error).__name__}: {error}; mend it or uninstall {package}"
         ) from error
     if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
-        raise MethodError(f"{where} is {found!r}, not a class that derives from methods.base.Method")
+        raise MethodError(f"{where} is {found!r}, not a class that derives from nrsfm.methods.base.Method")
     return found
 
 

@@ -13,8 +13,10 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 import pytest
 
-from datasets import procedural
-from datasets.scene import Scene
+from nrsfm.datasets.generated import procedural
+from nrsfm.datasets.scene import Scene
+
+pytest_plugins = ("tests.shell",)
 
 PAIRS = (
     "dance_yoga",
@@ -36,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(absent)
     programs = {"browser": (chromium(), "Chromium"), "tex": (shutil.which("pdflatex"), "pdflatex")}
     if any(item.get_closest_marker("postgres") for item in items):
-        from tests.harness.servers import postgres_folder
+        from tests.harness.tracking.servers import postgres_folder
 
         programs["postgres"] = (postgres_folder() and find_spec("psycopg"), "PostgreSQL, or the extra 'server',")
     for name, (found, wanted) in programs.items():

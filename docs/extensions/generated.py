@@ -34,9 +34,9 @@ GROUPS = {
     "gaps": "Observations that are dropped.",
     "method": "What reconstructs and tells apart.",
     "part": "What methods are composed of: `method.clusterer` and `method.reconstructor` of a pipeline.",
-    "experiment": "Named sweeps, added with a plus: `+experiment=NAME`.",
+    "experiment": "Named sweeps, added with a plus: `experiment=NAME`.",
     "tracking": "Where MLflow keeps the runs.",
-    "compare": "What `harness compare` tolerates.",
+    "compare": "What `nrsfm compare` tolerates.",
 }
 
 
@@ -70,7 +70,7 @@ def configuration() -> str:
     for group, text in GROUPS.items():
         parts += [f"## {group}", "", text, ""]
         for path in sorted((CONF / group).glob("*.yaml")):
-            choice = f"+experiment={path.stem}" if group == "experiment" else f"{group}={path.stem}"
+            choice = f"experiment={path.stem}" if group == "experiment" else f"{group}={path.stem}"
             parts += [f"### `{choice}`", "", *_file(path)]
     return "\n".join(parts)
 
@@ -145,7 +145,7 @@ def _leaves(node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple[str, yam
 
 def _docstring(tree: yaml.MappingNode) -> dict[str, str]:
     """What the class behind a method's file says of its hyper-parameters."""
-    from methods.registry import algorithm
+    from nrsfm.methods.registry import algorithm
 
     plain = {key.value: value.value for key, value in tree.value if isinstance(value, yaml.ScalarNode)}
     if "algorithm" not in plain:
@@ -177,19 +177,19 @@ def _cell(text: str) -> str:
 
 def commands() -> str:
     """The help of the command line and of every verb."""
-    from harness.cli import VERBS
+    from nrsfm.harness.cli.verbs import VERBS
 
     parts = ["## harness", "", _help([])]
     for verb in VERBS:
-        parts += [f"## harness {verb}", "", _help([verb])]
+        parts += [f"## nrsfm {verb}", "", _help([verb])]
         if verb == "data":
             for inner in ("list", "get", "verify", "where"):
-                parts += [f"### harness data {inner}", "", _help(["data", inner])]
+                parts += [f"### nrsfm data {inner}", "", _help(["data", inner])]
     return "\n".join(parts)
 
 
 def _help(words: list[str]) -> str:
-    from harness.cli import main
+    from nrsfm.harness.cli.main import main
 
     said = io.StringIO()
     wide = mock.patch.dict(os.environ, {"COLUMNS": "100"})

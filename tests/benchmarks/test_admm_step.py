@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from datasets.cameras import orbit
-from methods.lagrangian import Problem, State
+from nrsfm.datasets.cameras import orbit
+from nrsfm.methods.multibody.lagrangian import Problem, State
 
 SIZES = (116, 500, 1000)
 FRAMES = 100

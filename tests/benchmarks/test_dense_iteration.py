@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets import procedural
-from methods.base import standardise
-from methods.implicit import ImplicitProblem, Multiplier
-from methods.lagrangian import Problem, State
+from nrsfm.datasets.generated import procedural
+from nrsfm.methods.base import standardise
+from nrsfm.methods.multibody.implicit import ImplicitProblem, Multiplier
+from nrsfm.methods.multibody.lagrangian import Problem, State
 
 FRAMES = 99
 FORMS: dict[str, dict[str, Any]] = {

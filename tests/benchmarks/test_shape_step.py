@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.matfile import read_mat
-from methods.bmm import fit_shape
-from methods.proximal import singular_value_threshold
+from nrsfm.datasets.readers.matfile import read_mat
+from nrsfm.methods.numerics.proximal import singular_value_threshold
+from nrsfm.methods.structure.bmm import fit_shape
 
 pyproximal = pytest.importorskip("pyproximal", reason="installed by 'make bench' alone")
 L2 = 1.0

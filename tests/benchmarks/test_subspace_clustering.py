@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from harness.metrics import n_wrong
-from methods.spectral import spectral_clustering
-from methods.ssc import SSC
-from methods.ssc_omp import SSCOMP
+from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.clustering.ssc import SSC
+from nrsfm.methods.clustering.ssc_omp import SSCOMP
 
 spams = pytest.importorskip("spams")
 SUBSPACES, DIMENSION, AMBIENT = 5, 6, 100

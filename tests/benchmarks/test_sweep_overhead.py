@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tests.harness.conftest import ODD, naughty_package  # noqa: F401
+from tests.shell import ODD, naughty_package  # noqa: F401
 
 TRIALS = 200
 CORES = sorted(os.sched_getaffinity(0))[:2] if hasattr(os, "sched_getaffinity") else [0, 1]
@@ -106,9 +106,9 @@ def measure(benchmark: BenchmarkFixture, command: list[str], cores: int, clean: 
 def test_ours(benchmark: BenchmarkFixture, tmp_path: Path, naughty_package: Path, cores: int) -> None:  # noqa: F811
     root = Path(__file__).parents[2]
     paths = os.pathsep.join([str(naughty_package), str(root)])
-    env = os.environ | {"HARNESS_OUTPUT": str(tmp_path / "out/outputs"), "PYTHONPATH": paths}
+    env = os.environ | {"NRSFM_OUTPUT": str(tmp_path / "out/outputs"), "PYTHONPATH": paths}
     words = [*ODD, "+method.how=ok", "noise.level=0.01", f"noise.repeat=range({TRIALS})"]
-    measure(benchmark, [sys.executable, "-m", "harness", "run", "-m", *words], cores, tmp_path / "out", env)
+    measure(benchmark, [sys.executable, "-m", "nrsfm", "run", "-m", *words], cores, tmp_path / "out", env)
 
 
 @pytest.mark.parametrize(("launcher", "cores"), [("basic", 1), ("joblib", 2)])

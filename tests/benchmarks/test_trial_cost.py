@@ -19,14 +19,16 @@ from filelock import FileLock
 from rich.console import Console
 from rich.table import Table
 
-from harness import storage
-from harness.experiments import Settings, expand
-from harness.isolation import run_isolated
-from harness.record import Trial
-from harness.tracking import Tracker
-from harness.trial import Entry, execute, identify, note
-from harness.worker import compute
-from tests.harness.conftest import ODD, ROOT, naughty_package  # noqa: F401
+from nrsfm.harness.config.settings import Settings
+from nrsfm.harness.config.spans import expand
+from nrsfm.harness.record import folder as storage
+from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.tracking.tracker import Tracker
+from nrsfm.harness.trial.execute import execute, identify
+from nrsfm.harness.trial.isolation import run_isolated
+from nrsfm.harness.trial.journal import Entry, note
+from nrsfm.harness.trial.worker import compute
+from tests.shell import ODD, ROOT, naughty_package  # noqa: F401
 
 TRIALS = 200
 PARTS = {
@@ -48,7 +50,7 @@ def sweep(
 ) -> list[tuple[Trial, Settings]]:
     monkeypatch.syspath_prepend(naughty_package)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(naughty_package), str(ROOT)]))
-    monkeypatch.setenv("HARNESS_OUTPUT", str(tmp_path / "out"))
+    monkeypatch.setenv("NRSFM_OUTPUT", str(tmp_path / "out"))
     monkeypatch.setenv("NRSFM_DATA", str(tmp_path / "no-data"))
     return expand(_words(TRIALS))
 

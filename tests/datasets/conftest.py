@@ -9,7 +9,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from datasets.body import Array
+from nrsfm.datasets.body import Array
 
 WriteC3D = Callable[..., Path]
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets.body import DatasetError
-from datasets.gaps import drop
-from datasets.scene import Scene
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.gaps import drop
+from nrsfm.datasets.scene import Scene
 
 F, P = 60, 25
 W = np.random.default_rng(0).standard_normal((F, 2, P))

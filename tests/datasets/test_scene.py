@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from datasets import procedural
-from datasets.body import Array, Body, DatasetError, centre, register, spread, upright
-from datasets.cameras import orbit, project
-from datasets.mocap import MOTIONS, SEQUENCES, load_body, load_scene
-from datasets.noise import add_noise, seed
-from datasets.scene import PLACEMENTS, Scene, compose, offset
+from nrsfm.datasets.body import Array, Body, centre, register, spread, upright
+from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.generated import procedural
+from nrsfm.datasets.noise import add_noise, seed
+from nrsfm.datasets.real.mocap import MOTIONS, SEQUENCES, load_body, load_scene
+from nrsfm.datasets.scene import PLACEMENTS, Scene, compose, offset
 
 PAIRS = {
     "dance yoga": 116,

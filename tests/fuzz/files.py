@@ -47,7 +47,7 @@ def npz(arrays: Mapping[str, Any], compressed: bool = False) -> bytes:
 
 
 def people() -> dict[str, NDArray[Any]]:
-    """Two people of one take, as :mod:`datasets.two_person` reads them."""
+    """Two people of one take, as :mod:`nrsfm.datasets.real.two_person` reads them."""
     pair = {name: rng().standard_normal((F, J, 3)) for name in ("lead", "follow")}
     return {**pair, "names": np.array(["hip", "chest", "hand", "head"]), "parents": np.array([-1, 0, 1, 1]), "dt": 0.01}
 

@@ -14,24 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets import c3dfile, hopkins, two_person
-from datasets.apart import Damaged
-from datasets.body import DatasetError
-from datasets.c3dfile import read_c3d
-from datasets.matfile import read_mat
-from datasets.npzfile import read_npz
-from datasets.scene import Scene
-from datasets.take import load_take
-from datasets.tracks import load_tracks
-from harness.baseline import Baseline
-from harness.experiments import expand
-from harness.record import UsageError
-from harness.running import steps
-from harness.storage import read_arrays, read_record
-from harness.sweep import Work
-from harness.trial import entries
-from methods.base import MethodError
-from methods.registry import build_method
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.readers import c3dfile
+from nrsfm.datasets.readers.apart import Damaged
+from nrsfm.datasets.readers.c3dfile import read_c3d
+from nrsfm.datasets.readers.matfile import read_mat
+from nrsfm.datasets.readers.npzfile import read_npz
+from nrsfm.datasets.real import hopkins, two_person
+from nrsfm.datasets.real.take import load_take
+from nrsfm.datasets.real.tracks import load_tracks
+from nrsfm.datasets.scene import Scene
+from nrsfm.harness.config.spans import expand
+from nrsfm.harness.gate.baseline import Baseline
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.folder import read_arrays, read_record
+from nrsfm.harness.sweep.work import Work
+from nrsfm.harness.trial.journal import entries
+from nrsfm.harness.trial.progress import steps
+from nrsfm.methods.base import MethodError
+from nrsfm.methods.registry import build_method
 from tests.fuzz import files
 
 REFUSALS = (DatasetError, UsageError, MethodError)

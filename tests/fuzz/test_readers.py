@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from datasets.limits import LARGEST, RATIO, SMALL
+from nrsfm.datasets.readers.limits import LARGEST, RATIO, SMALL
 from tests.fuzz.conftest import COUNTS
 from tests.fuzz.mutation import mutated
 from tests.fuzz.readers import READERS, refused, seeds

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
-from datasets.scene import Scene
-from methods.adaptive import AdaptiveMultiBody
-from methods.base import Array, Mask, Method, MethodError, standardise
-from methods.bmm import BMM, fit_shape
-from methods.edsc import EDSC
-from methods.gaps import complete, fill, misfit
-from methods.multibody import MultiBody
-from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
-from methods.ssc import SSC
+from nrsfm.datasets.scene import Scene
+from nrsfm.methods.base import Array, Mask, Method, MethodError, standardise
+from nrsfm.methods.clustering.edsc import EDSC
+from nrsfm.methods.clustering.ssc import SSC
+from nrsfm.methods.gaps import complete, fill, misfit
+from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
+from nrsfm.methods.multibody.printed import MultiBody
+from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
+from nrsfm.methods.structure.bmm import BMM, fit_shape
 
 METHODS = [
     BMM(max_iter=60),

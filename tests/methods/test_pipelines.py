@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.cameras import orbit, project
-from datasets.scene import Scene
-from harness import metrics
-from methods.base import NO_CAMERAS, MethodError, standardise
-from methods.bmm import BMM
-from methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift, principal
-from methods.registry import ALGORITHMS, build, build_method, version
-from methods.rotation import estimate_cameras, orthonormal_rows
-from methods.ssc import SSC
+from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.scene import Scene
+from nrsfm.harness.evaluate import metrics
+from nrsfm.methods.base import NO_CAMERAS, MethodError, standardise
+from nrsfm.methods.clustering.ssc import SSC
+from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift, principal
+from nrsfm.methods.registry import ALGORITHMS, build, build_method, version
+from nrsfm.methods.structure.bmm import BMM
+from nrsfm.methods.structure.rotation import estimate_cameras, orthonormal_rows
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from datasets.scene import Scene
-from harness.experiments import expand
-from methods.base import stage
-from methods.registry import build_method
+from nrsfm.datasets.scene import Scene
+from nrsfm.harness.config.spans import expand
+from nrsfm.methods.base import stage
+from nrsfm.methods.registry import build_method
 
 
 class Listener:

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from harness.record import Outcome, Trial
+from nrsfm.harness.record.outcome import Outcome
+from nrsfm.harness.record.trial import Trial
 from tests.conftest import chromium
 
 POINTS = {

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from datasets.body import Body, DatasetError
-from datasets.scene import Scene, compose
+from nrsfm.datasets.body import Body
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.scene import Scene, compose
 
 VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that finished trials are run again
 
@@ -20,7 +21,7 @@ VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """The scene of the settings of conf/dataset/breathing_clouds.yaml.
 
-    Files of one's own lie in ``folder``, the data folder; raise datasets.body.MissingData where one is not there. A
+    Files of one's own lie in ``folder``, the data folder; raise nrsfm.datasets.body.MissingData where one is not there. A
     scene of measured tracks is made by ``Scene(name=..., tracks=...)``, with what is known of the truth.
     """
     points, frames = settings["points"], settings["frames"]
@@ -37,5 +38,5 @@ def load(settings: Mapping[str, Any], folder: Path) -> Scene:
 
 
 def digest(settings: Mapping[str, Any], folder: Path) -> str:
-    """Identity of the data, without making the scene; of a file, ``datasets.sources.sha256(path)``."""
+    """Identity of the data, without making the scene; of a file, ``nrsfm.datasets.public.catalogue.sha256(path)``."""
     return VERSION

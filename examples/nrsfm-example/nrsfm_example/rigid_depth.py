@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 
-from methods.base import (
+from nrsfm.methods.base import (
     Array,
     Mask,
     Method,
@@ -21,7 +21,7 @@ from methods.base import (
     check_setting,
     standardise,
 )
-from methods.gaps import complete
+from nrsfm.methods.gaps import complete
 
 
 class RigidDepth(Method):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.testing import Check, parametrize_with_checks
+from nrsfm.harness.testing import Check, parametrize_with_checks
 from nrsfm_example.breathing_clouds import load
 
 SETTINGS = {"name": "breathing_clouds", "points": 20, "frames": 50, "seed": 0}

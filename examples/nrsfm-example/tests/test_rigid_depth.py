@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.cameras import orbit, project
-from harness.testing import Check, parametrize_with_checks
+from nrsfm.datasets.cameras import orbit, project
+from nrsfm.harness.testing import Check, parametrize_with_checks
 from nrsfm_example.rigid_depth import RigidDepth
 
 

@@ -1,0 +1,70 @@
+"""People and surfaces made from a seed: the data that is always there.
+
+Bodies deform and do not turn as a whole. Same settings, same numbers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from nrsfm.datasets.body import Body
+from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.generated.motion import settings
+from nrsfm.datasets.generated.people import activity_of, person
+from nrsfm.datasets.generated.surfaces import SURFACES
+from nrsfm.datasets.scene import Scene, compose
+
+KINDS = ("person", *SURFACES)
+
+
+FACES = ("face", "shark")  # sequences whose stand-in is a surface
+
+
+def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, seed: int = 0) -> list[Body]:
+    """Bodies for one scene, with names of their own (person, person_2, face) and people at different activities.
+
+    ``n_points`` is for all bodies, or one number a body; the rest is as for :func:`person`. Raises DatasetError
+    if a setting is out of range, naming it as the configuration does.
+    """
+    if not _listed(kinds) or not kinds or any(kind not in KINDS for kind in kinds):
+        raise DatasetError(f"dataset.bodies is {kinds!r}, wanted a list of {', '.join(KINDS)}")
+    counts: list[Any] = (
+        list(n_points) if isinstance(n_points, Sequence) and _listed(n_points) else [n_points] * len(kinds)
+    )
+    if len(counts) != len(kinds):
+        raise DatasetError(f"dataset.points holds {len(counts)} numbers for {len(kinds)} bodies; wanted one for each")
+    made: list[Body] = []
+    for k, (kind, count) in enumerate(zip(kinds, counts, strict=True)):
+        settings(count, n_frames, seed)
+        nth = sum(kind == other for other in kinds[:k])
+        own = seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+        if kind == "person":
+            body = person(count, n_frames, own, activity_of(seed, nth))
+        else:
+            body = SURFACES[kind](count, n_frames, own)
+        made.append(replace(body, name=f"{kind}_{nth + 1}" if nth else kind))
+    return made
+
+
+def stand_in(name: str, n_frames: int, n_points: int, kind: str | None = None) -> Body:
+    """A body in the place of a sequence that is absent: of its name and size, and marked as a stand-in.
+
+    The seed comes from the name; ``kind`` is a face for :data:`FACES`, else a person, when it is not given.
+    """
+    kind = kind or ("face" if name in FACES else "person")
+    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little")
+    return replace(bodies([kind], n_points, n_frames, seed)[0], name=name, stand_in=True)
+
+
+def load_scene(kinds: Sequence[str], points: int | Sequence[int], frames: int, seed: int, **placement: Any) -> Scene:
+    """A scene of generated bodies; ``placement`` goes to :func:`nrsfm.datasets.scene.compose`."""
+    return compose(bodies(kinds, points, frames, seed), **placement)
+
+
+def _listed(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)

@@ -1,0 +1,346 @@
+"""Public files: where they are found, what they must be, and how they are fetched."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path, PurePosixPath
+from urllib.parse import urlsplit
+
+from nrsfm.datasets.errors import DatasetError, MissingData
+
+PRESENT, ABSENT, CHANGED = "present", "absent", "changed"
+
+
+CONNECT_SECONDS, READ_SECONDS, RETRIES, CHUNK = 4.0, 30.0, 1, 1 << 16
+
+
+@dataclass(frozen=True)
+class File:
+    """One public file: its place in the data folder (``group/name``), where to download it, and what it must be.
+
+    ``sha256`` is in hex digits, ``size`` in bytes; ``terms`` is what its authors allow, ``source`` what to cite,
+    ``aliases`` other words for it, such as the name of the sequence it holds.
+    """
+
+    path: str
+    url: str
+    sha256: str
+    size: int
+    terms: str
+    source: str
+    aliases: tuple[str, ...] = ()
+
+    @property
+    def group(self) -> str:
+        return self.path.partition("/")[0]
+
+    @property
+    def words(self) -> set[str]:
+        """What a user may call it: its group, its path, its name with and without the suffix, its aliases."""
+        name = PurePosixPath(self.path)
+        return {self.group, self.path, name.name, name.stem, *self.aliases}
+
+
+def check_name(setting: str, name: object) -> None:
+    """Raise DatasetError unless a name is that of a file in its folder, and of none above or below."""
+    if not isinstance(name, str) or not name.isprintable() or set(name) & set("/\\:") or not name.strip(". "):
+        raise DatasetError(f"dataset.{setting} is {str(name)[:80]!a}, wanted the name of a file, without its folder")
+
+
+def listed(group: str, url: str, terms: str, source: str, table: str) -> list[File]:
+    """Files of one place, terms and citation; the table has a line each: name size sha256 [name there [alias ...]]."""
+    files = []
+    for line in table.strip().splitlines():
+        name, size, digest, *rest = line.split()
+        there, *aliases = rest or [name]
+        files.append(File(f"{group}/{name}", f"{url}/{there}", digest, int(size), terms, source, tuple(aliases)))
+    return files
+
+
+_GITHUB = "https://raw.githubusercontent.com"
+
+
+_TRAJECTORY_SPACE = (
+    f"{_GITHUB}/summmanpan/NRSfM_Consensus/edefe657241c603bd26d574d1f11fce8838c632b/data_set/without_rot"
+)
+
+
+#: The lines ``size sha256`` of ``hopkins155.txt`` by the scene's name.
+HOPKINS: Mapping[str, str] = {
+    name: rest
+    for name, _, rest in (
+        line.partition(" ")
+        for line in resources.files("nrsfm.datasets.public").joinpath("hopkins155.txt").read_text().splitlines()
+    )
+}
+
+
+_CMU = ("none stated; motion from the CMU database, free to use", "Akhter et al., PAMI 2011; mocap.cs.cmu.edu")
+
+
+CATALOGUE: Mapping[str, File] = {
+    file.path: file
+    for file in [
+        *listed(
+            "mocap",
+            _TRAJECTORY_SPACE,
+            *_CMU,
+            """
+            drink.mat   2707996 a0bba1cde1cbf7ce9c97fabfa8d5632e95b74dc3b38b26c20c1071ea2512d545
+            pickup.mat  893728  b04efc8833a840ac097ab70f08e5b9e6afb830f53e983d33831806662d84a4e4
+            yoga.mat    766734  6cd04c602263963cdecfbf3c6c9b1102869e054f22d448f4ab1bfb0aa0b1469d
+            stretch.mat 928869  91a360959dd353ff8732ffbbdb2f2ab37b3963a145c6fe81d1bdb71f118aaef7
+            """,
+        ),
+        *listed(
+            "mocap",
+            f"{_TRAJECTORY_SPACE}/no_add_rot_inPaper",
+            *_CMU,
+            "dance.mat 1212378 db2f93e4b39776f2ad5c1ccb2fd5cce1be9313c7484ebd03e499f8d4763e1680 dance_falta_list.mat",
+        ),
+        *listed(
+            "mocap",
+            f"{_GITHUB}/scivision/em-sfm/c0abf730b7148c35831b1fdf5ae02ae928471dbf/data",
+            "free non-commercial use and distribution",
+            "Torresani et al., PAMI 2008; scivision/em-sfm",
+            """
+            face.mat    303386 dc3087a2b2381a319e92ce64e47836721fa81426f00e18ad26aa4be5e2c00b9d
+            walking.mat 343226 aa6613e590a067c285c2686daef72c43576c37953cd4a4df76b04730ca9d3dfc
+            jaws.mat    524186 e962fe60aaed847397d922889496519310d34374a098c6d6f9282232d0635fcc jaws.mat shark
+            """,
+        ),
+        *listed(
+            "mocap",
+            f"{_GITHUB}/vrabaud/sfm_toolbox/7ce933b31b71292eddabb40bacfd619720fa221d/nrsfm/data/shark",
+            "none stated",
+            "Torresani et al., PAMI 2008; vrabaud/sfm_toolbox",
+            """
+            jaws_cameras.mat 774285 7d989d938b38ea1011f8580368e7e785081cfdb15e9f1b4cb6ba82329fde9ca6 jawSource.mat shark
+            """,
+        ),
+        *listed(
+            "c3d",
+            f"{_GITHUB}/Mohaoui-S/MoCap-data/a1178bf06f76ee90a65d79222b3d220f09bdfdcc",
+            "free to use",
+            "CMU Graphics Lab motion capture database, mocap.cs.cmu.edu",
+            "cmu_02_01.c3d 231152 a272d142c2bdd3eed937238cb029a450ea46224cdaa500ab3b58f1c5e7308063 02_01.c3d",
+        ),
+        *listed(
+            "hopkins155",
+            f"{_GITHUB}/VictorSanh/Unsupervised_Learning_HMWK/255cf39a8ffc241a72907ada54c80d7787208510"
+            "/HMWK2/data/Hopkins155",
+            "public benchmark; none stated",
+            "Tron and Vidal, CVPR 2007",
+            "\n".join(f"{n}_truth.mat {rest} {n}/{n}_truth.mat {n}" for n, rest in HOPKINS.items()),
+        ),
+    ]
+}
+
+
+#: Groups that are fetched when they are named; the others hold what the paper's tables need.
+ON_REQUEST = frozenset({"hopkins155", "c3d"})
+
+
+State = tuple[File, str]
+
+
+Progress = Callable[[File, int], None]  # told, now and then, the file and how many of its bytes have come
+
+
+def select(names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[File]:
+    """Files by group (``mocap``), path, file name or alias (``shark``); no names mean all.
+
+    Raises
+    ------
+    DatasetError
+        If a name fits no file.
+    """
+    held = list((CATALOGUE if catalogue is None else catalogue).values())
+    wanted = list(names)
+    for name in wanted:
+        if not any(name in file.words for file in held):
+            groups = ", ".join(sorted({file.group for file in held})) or "none"
+            raise DatasetError(f"{name!r} is no file of the catalogue (groups: {groups}); see 'nrsfm data list'")
+    return [file for file in held if not wanted or file.words.intersection(wanted)]
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content as hex digits; reread only when its size or time of change differs.
+
+    Raises MissingData if the file is not there, DatasetError if it cannot be read.
+    """
+    try:
+        known = path.stat()
+        return _sha256(str(path), known.st_mtime_ns, known.st_size)
+    except (FileNotFoundError, NotADirectoryError):
+        raise MissingData(f"{path} is not there; fetch it with 'nrsfm data get'") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror}); see to its permissions") from None
+
+
+@lru_cache(maxsize=4096)
+def _sha256(path: str, mtime_ns: int, size: int) -> str:
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def status(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
+    """Each file and whether it is present, absent or changed, by its size alone; :func:`verify` reads it."""
+    return [(file, _state(folder / file.path, file)) for file in select(names, catalogue)]
+
+
+def verify(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
+    """Each file and whether it is present, absent or changed, by its checksum; DatasetError if unreadable."""
+    found = status(folder, names, catalogue)
+    differs = {f.path for f, state in found if state == PRESENT and sha256(folder / f.path) != f.sha256}
+    return [(file, CHANGED if file.path in differs else state) for file, state in found]
+
+
+def _state(path: Path, file: File) -> str:
+    try:
+        if not path.exists():
+            return ABSENT
+        return PRESENT if path.is_file() and path.stat().st_size == file.size else CHANGED
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror}); see to its permissions") from None
+
+
+def get(
+    folder: Path,
+    names: Iterable[str] = (),
+    progress: Progress | None = None,
+    catalogue: Mapping[str, File] | None = None,
+) -> list[tuple[File, DatasetError | None]]:
+    """Fetch the files that are absent, or whose checksum is not the catalogue's.
+
+    A file appears at its place only once its checksum is right, so that a download that is stopped leaves what
+    was there before. A server that cannot be reached is asked once, for a few seconds.
+
+    Parameters
+    ----------
+    folder : Path
+        The data folder; made where it is not there.
+    names : iterable of str
+        Groups, paths, file names or aliases; none mean all.
+    progress : callable, optional
+        Called with the file and the bytes that have come.
+    catalogue : mapping of path to File, optional
+        :data:`CATALOGUE` by default.
+
+    Returns
+    -------
+    list of (File, error or None)
+        One entry for every wanted file: None where it now is in place.
+
+    Raises
+    ------
+    DatasetError
+        If a name is unknown or the folder cannot be written to.
+    """
+    reached: dict[str, str] = {}
+    results: list[tuple[File, DatasetError | None]] = []
+    for file, state in verify(folder, names, catalogue):
+        error: DatasetError | None = None
+        if state != PRESENT:
+            place = urlsplit(file.url).netloc
+            if place not in reached:
+                reached[place] = _probe(file.url)
+            try:
+                if reached[place]:
+                    raise MissingData(_sorry(folder, file, f"{place} cannot be reached ({reached[place]})"))
+                _download(folder, file, progress)
+            except MissingData as caught:
+                error = caught
+        results.append((file, error))
+    return results
+
+
+def _sorry(folder: Path, file: File, reason: str) -> str:
+    return f"{file.path}: {reason}; try again later, or copy it into {(folder / file.path).parent} yourself"
+
+
+def _probe(url: str) -> str:
+    """Why a server does not answer, '' when it does; in a thread, since looking a name up knows no time-out."""
+    import requests
+
+    answer = [f"no answer in {CONNECT_SECONDS + 1:.0f} s"]
+
+    def ask() -> None:
+        try:
+            requests.head(url, timeout=CONNECT_SECONDS).close()
+            answer[0] = ""
+        except requests.exceptions.RequestException as error:
+            answer[0] = _reason(error)
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    thread.join(CONNECT_SECONDS + 1)
+    return answer[0]
+
+
+def _reason(error: Exception) -> str:
+    """A network error in a few words."""
+    text = " ".join(str(error).split())
+    known = {
+        "resol": "its name is not known here; is there a network?",
+        "refused": "connection refused",
+        "timed out": "it took too long",
+        "unreachable": "no network",
+        "roxy": "the proxy does not answer",
+        "CERTIFICATE": "its certificate is not accepted",
+        "broken": "the connection broke off",
+    }
+    return next((words for sign, words in known.items() if sign in text), text[:100] or type(error).__name__)
+
+
+class _Meter:
+    """The progress bar that pooch is given; it ends a download that is longer than it may be."""
+
+    total = 0
+
+    def __init__(self, file: File, progress: Progress | None) -> None:
+        self.file, self.progress, self.done = file, progress, 0
+
+    def update(self, n: int) -> None:
+        self.done += n
+        if self.done > self.file.size + CHUNK:
+            raise ValueError("longer than the catalogue says")
+        if self.progress:
+            self.progress(self.file, min(self.done, self.file.size))
+
+    def reset(self) -> None:
+        self.done = 0
+
+    def close(self) -> None:
+        """Nothing to close; pooch asks for it."""
+
+
+def _download(folder: Path, file: File, progress: Progress | None) -> None:
+    import pooch
+    import requests
+
+    pooch.get_logger().setLevel("ERROR")
+    store = pooch.create(
+        folder, "", registry={file.path: file.sha256}, urls={file.path: file.url}, retry_if_failed=RETRIES
+    )
+    meter, patience = _Meter(file, progress), (CONNECT_SECONDS, READ_SECONDS)
+    fetch = pooch.HTTPDownloader(progressbar=meter, chunk_size=CHUNK, timeout=patience)
+    try:
+        Path(store.fetch(file.path, downloader=fetch)).chmod(0o644)
+        return
+    except requests.exceptions.HTTPError as error:
+        reason = f"{file.url} answered {getattr(error.response, 'status_code', 'an error')}"
+    except requests.exceptions.RequestException as error:
+        reason = f"download from {urlsplit(file.url).netloc} failed ({_reason(error)})"
+    except ValueError:
+        reason = f"{file.url} sent another file (its SHA-256 or size is wrong)"
+    except OSError as error:
+        why = "is full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else f"cannot be written to ({_reason(error)})"
+        raise DatasetError(f"data folder {folder} {why}; make room there or name another with NRSFM_DATA") from None
+    raise MissingData(_sorry(folder, file, reason))

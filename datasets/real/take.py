@@ -1,0 +1,188 @@
+"""Takes of several people in one room, as C3D files hold them: which marker belongs to whom, and when it was seen.
+
+UMPM: van der Aa, Luo, Giezeman, Tan, Veltkamp, "UMPM benchmark: a multi-person dataset with synchronized video and
+motion capture data", HACV 2011.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from nrsfm.datasets.body import Body, observed
+from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.public.catalogue import check_name, sha256
+from nrsfm.datasets.readers.c3dfile import read_c3d
+from nrsfm.datasets.real.thinning import Thinning
+from nrsfm.datasets.scene import Scene, captured
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
+
+OTHERS = ("none", "objects", "all")
+
+
+PERSON = 15  # markers at least: the virtual markers of one person; balls, tables and chairs have fewer
+
+
+UNLABELLED = "unlabelled"
+
+
+HINTS = {
+    "umpm": "ask for a login at umpm-mirror.cs.uu.nl and unpack {take}.zip into that folder",
+    "c3d": "fetch the one of the catalogue with 'nrsfm data get c3d', or copy your own into that folder",
+}
+
+
+def load_take(
+    folder: Path,
+    group: str,
+    take: str,
+    *,
+    name: str | None = None,
+    persons: Sequence[str] | None = None,
+    others: str = "none",
+    vertical: str = "z",
+    thinning: Thinning | None = None,
+    degrees_per_frame: float = 5.0,
+) -> Scene:
+    """The people of a take where they stood, before one orbiting camera.
+
+    Parameters
+    ----------
+    folder : Path
+        The data folder.
+    group, take : str
+        Its folder and the file's name in there, as ``umpm`` and ``p2_free_2``, or ``p2_free_2_vm`` for virtual markers.
+    name : str, optional
+        Scene name; the take's by default.
+    persons : sequence of str, optional
+        Prefixes of labels; by default all that :func:`bodies` takes for people.
+    others : {"none", "objects", "all"}
+        Leave out whatever is no person; keep objects, each a body; or keep the unlabelled markers as well, as one more.
+    vertical : {"y", "z"}
+        The axis that points up.
+    thinning : Thinning, optional
+    degrees_per_frame : float
+        The camera's step.
+
+    Raises
+    ------
+    MissingData
+        If the file is not there.
+    DatasetError
+        If it cannot be read, holds no such people, or a setting does not fit it.
+    """
+    return load_c3d(
+        find(folder, group, take),
+        name=name or take,
+        persons=persons,
+        others=others,
+        vertical=vertical,
+        thinning=thinning,
+        degrees_per_frame=degrees_per_frame,
+    )
+
+
+def load_c3d(
+    path: Path,
+    *,
+    name: str,
+    persons: Sequence[str] | None = None,
+    others: str = "none",
+    vertical: str = "z",
+    thinning: Thinning | None = None,
+    degrees_per_frame: float = 5.0,
+) -> Scene:
+    """:func:`load_take` of a file wherever it is."""
+    held, thin = read_c3d(path), thinning or Thinning()
+    if held.unit not in METRES:
+        raise DatasetError(f"{path}: its unit of length is {held.unit!a}, wanted mm, cm or m")
+    groups = bodies(path, held.labels, persons, others)
+    points = METRES[held.unit] * held.points[thin.frames(len(held.points), held.rate)]
+    found = []
+    for body, markers in groups.items():
+        S = points[:, :, markers]
+        S = S[:, :, thin.seen(observed(S))]
+        if S.shape[2] == 0:
+            raise DatasetError(f"{path}: no marker of {body!a} is seen often enough; see dataset.least_seen")
+        found.append(Body(body, S, vertical=vertical, digest=sha256(path), gaps=True))
+    return captured(found, name=name, degrees_per_frame=degrees_per_frame)
+
+
+def find(folder: Path, group: str, take: str) -> Path:
+    """The file of a take, ``GROUP/TAKE.c3d``, or below ``Groundtruth`` as UMPM's archives have it.
+
+    Raises MissingData, which says how to get it, if it is not there; DatasetError if it would be elsewhere.
+    """
+    check_name("take", take)
+    check_name("folder", group)
+    for place in (folder / group, folder / group / "Groundtruth"):
+        if (place / f"{take}.c3d").is_file():
+            return place / f"{take}.c3d"
+    hint = HINTS.get(group, "set NRSFM_DATA to the folder that holds {group}/").format(group=group, take=take)
+    raise MissingData(f"{folder / group / take}.c3d is not there; {hint}")
+
+
+def bodies(
+    path: Path, labels: Sequence[str], persons: Sequence[str] | None = None, others: str = "none"
+) -> Mapping[str, list[int]]:
+    """Markers by the body that their labels name, people first.
+
+    ``LEFT:lkneefr`` is the marker lkneefr of the set LEFT, ``*12`` has no label. A set of 15 markers and more is a
+    person, a smaller one an object; so is a name without a set, unless there is no set at all: then 15 names and more
+    are one person, and those of a file of virtual markers, ``*_vm.c3d``, one person for every 15.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for its name and for errors.
+    labels : sequence of str
+    persons : sequence of str, optional
+        Sets that are people.
+    others : {"none", "objects", "all"}
+        As in :func:`load_take`.
+
+    Raises
+    ------
+    DatasetError
+        If there is no person or not the one asked for, or a body has two markers of one label.
+    """
+    if others not in OTHERS:
+        raise DatasetError(f"dataset.others is {others!r}, wanted one of {', '.join(OTHERS)}")
+    sets: dict[str, list[int]] = {}
+    for index, label in enumerate(labels):
+        prefix, colon, _ = label.rpartition(":")
+        sets.setdefault(UNLABELLED if label.startswith("*") or not label else prefix if colon else "", []).append(index)
+    unlabelled, bare = sets.pop(UNLABELLED, []), sets.pop("", [])
+    if not sets and len(bare) >= PERSON:
+        sets = _in_order(bare) if path.stem.endswith("_vm") else {"person": bare}
+        bare = []
+    for markers in [*sets.values(), bare]:
+        (label, times), *_ = [*Counter(labels[k] for k in markers).most_common(1), ("", 0)]
+        if times > 1:
+            raise DatasetError(f"{path}: {times} markers have the label {label!a}; name them apart")
+    if isinstance(persons, str):
+        raise DatasetError(f"dataset.persons is {persons!r}, wanted a list such as [{persons}]")
+    people = list(persons) if persons is not None else [body for body, held in sets.items() if len(held) >= PERSON]
+    unknown = [body for body in people if body not in sets]
+    if unknown or not people:
+        said = f"dataset.persons names {unknown[0]!a}" if unknown else f"no {PERSON} markers are one person's"
+        raise DatasetError(f"{path}: {said}; its sets of markers are {', '.join(map(ascii, sets)) or 'none'}")
+    found = {body: sets.pop(body) for body in people}
+    if others != "none":
+        found |= sets
+        for k in bare:  # ball1 and ball2 are one ball
+            found.setdefault(re.sub(r"[\W_]*\d*$", "", labels[k]) or labels[k], []).append(k)
+    if others == "all" and unlabelled:
+        found[UNLABELLED] = unlabelled
+    return found
+
+
+def _in_order(markers: list[int]) -> dict[str, list[int]]:
+    """Virtual markers, person after person."""
+    if len(markers) % PERSON:
+        raise DatasetError(f"{len(markers)} virtual markers are not {PERSON} a person")
+    return {f"person{k + 1}": markers[k * PERSON : (k + 1) * PERSON] for k in range(len(markers) // PERSON)}

@@ -1,0 +1,84 @@
+"""Which frames and markers of a long take are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrsfm.datasets.errors import DatasetError
+
+
+@dataclass(frozen=True)
+class Thinning:
+    """Which frames of a take are kept, and which markers.
+
+    Parameters
+    ----------
+    video_rate : float or None
+        Frames a second to thin the markers to, as the video beside them has; None keeps the markers' own rate.
+    span : [first, last] or None
+        Frames of that rate, counted from 0 on, the last one excluded; None takes all.
+    stride : int or None
+        Every stride-th of those is kept; None takes the least that leaves at most ``most``.
+    most : int
+        Frames.
+    least_seen : float
+        Markers seen in a smaller share of the kept frames are left out, and so are those never seen.
+    """
+
+    video_rate: float | None = None
+    span: Sequence[int] | None = None
+    stride: int | None = None
+    most: int = 400
+    least_seen: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, value, low in (("video_rate", self.video_rate, 0), ("least_seen", self.least_seen, 0)):
+            number = isinstance(value, int | float) and not isinstance(value, bool) and low <= value < np.inf
+            if value is not None and not number:
+                raise DatasetError(f"dataset.{name} is {value!r}, wanted a number >= {low}")
+        for name, count, least in (("stride", self.stride, 1), ("frames", self.most, 2)):
+            whole = isinstance(count, int) and not isinstance(count, bool) and count >= least
+            if count is not None and not whole:
+                raise DatasetError(f"dataset.{name} is {count!r}, wanted a whole number of at least {least}")
+
+    def seen(self, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The markers that are kept, (P,), of which (F, P) says when each was seen."""
+        share = visible.mean(axis=0)
+        return (share > 0) & (share >= self.least_seen)
+
+    def frames(self, n_frames: int, rate: float) -> slice:
+        """The kept ones of so many frames at a rate, at least two.
+
+        Raises
+        ------
+        DatasetError
+            If the rate is no multiple of the video's, or the span is not within the take.
+        """
+        step = 1
+        if self.video_rate:
+            step = round(rate / self.video_rate)
+            if step < 1 or abs(step * self.video_rate - rate) > 1e-3 * rate:
+                raise DatasetError(
+                    f"dataset.video_rate is {self.video_rate:g}, of which the markers' rate {rate:g} is no multiple"
+                )
+        available = -(-n_frames // step)
+        first, last = (0, available) if self.span is None else _span(self.span, available)
+        stride = self.stride or -(-(last - first) // self.most)
+        if (last - first - 1) // stride < 1:
+            raise DatasetError(f"dataset.stride is {stride}, which leaves one of {last - first} frames")
+        return slice(first * step, min(n_frames, (last - 1) * step + 1), step * stride)
+
+
+def _span(span: Sequence[int], available: int) -> tuple[int, int]:
+    whole = (
+        isinstance(span, list | tuple)
+        and len(span) == 2
+        and all(isinstance(k, int) and not isinstance(k, bool) for k in span)
+    )
+    if not whole or not 0 <= span[0] < span[1] - 1 < available:
+        raise DatasetError(f"dataset.range is {span!r}, wanted [first, last] within 0..{available}")
+    return span[0], span[1]

@@ -1,0 +1,222 @@
+"""Tracks of one's own: read from a file, tidied, and held against what the file says of the truth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrsfm.datasets.body import Array, centre, observed
+from nrsfm.datasets.cameras import project
+from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.public.catalogue import sha256
+from nrsfm.datasets.readers.csvfile import read_csv
+from nrsfm.datasets.readers.limits import HUGE
+from nrsfm.datasets.readers.trackfields import Parts, read_fields
+from nrsfm.datasets.real.take import load_c3d
+from nrsfm.datasets.scene import Scene
+
+READERS: dict[str, Callable[[Path], Parts]] = {".npz": read_fields, ".mat": read_fields, ".csv": read_csv}
+
+
+SUFFIXES = (*READERS, ".c3d")
+
+
+LARGEST = 2**32  # bytes of a file
+
+
+ROUND_OFF = 1e-4  # by which camera rows of a file may fail to be orthonormal
+
+
+UNEXPLAINED = 0.5  # share of the tracks that the true structure may leave unexplained
+
+
+ROUNDS = 100
+
+
+C3D = "markers in 3D, at most 400 frames of them, before an orthographic camera that circles at 5 degrees a frame"
+
+
+def load_tracks(path: Path, name: str | None = None) -> Scene:
+    """Read tracks, and cameras, truth and labels where the file has them.
+
+    Arrays as :func:`nrsfm.datasets.readers.trackfields.read_fields` says, CSV as :mod:`nrsfm.datasets.readers.csvfile`. A .c3d file holds markers
+    in 3D; an orbiting camera sees them, as with ``dataset=c3d`` and its settings.
+
+    Frames that show fewer than two tracks, and tracks that are seen in fewer than two frames, are left out: no method
+    can place them. Tracks are centred per frame. A true structure is scaled to the units of the tracks. The scene's
+    ``notes`` say what was done.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npz``, ``.mat``, ``.csv`` or ``.c3d``.
+    name : str, optional
+        Scene name; made of the file's by default.
+
+    Raises
+    ------
+    MissingData
+        If the file is not there.
+    DatasetError
+        If it is of no such kind, cannot be read, or its fields do not fit each other. One line, with the remedy.
+    """
+    if not path.is_file():
+        raise MissingData(f"{path} is not there; name a file of tracks ({', '.join(SUFFIXES)})")
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise DatasetError(f"{path} is of no known kind; wanted {', '.join(SUFFIXES)}")
+    if path.stat().st_size > LARGEST:
+        raise DatasetError(f"{path} has more than {LARGEST >> 30} GiB; leave frames or tracks out")
+    if suffix == ".c3d":
+        return replace(load_c3d(path, name=name or title(path)), notes=(C3D,))
+    return _scene(path, READERS[suffix](path), name or title(path))
+
+
+def title(file: str | Path) -> str:
+    """A scene's name, made of its file's."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "_", Path(file).stem)[:60].strip("_") or "tracks"
+
+
+def find(file: object, folder: Path) -> Path:
+    """``dataset.file`` from the current folder or, where it is not there, from the data folder."""
+    if not isinstance(file, str) or not file:
+        raise DatasetError(f"dataset.file is {file!r}, wanted the name of a file of tracks")
+    path = Path(file).expanduser()
+    return path if path.is_file() or path.is_absolute() else folder / path
+
+
+def _scene(path: Path, parts: Parts, name: str) -> Scene:
+    W, notes = parts.tracks, []
+    seen = observed(W)
+    _check_numbers(path, parts)
+    if (zero := int((W == 0).all(axis=1).sum())) > 0.01 * W.shape[0] * W.shape[2]:
+        notes.append(f"{zero} positions are exactly (0, 0); if those were not observed, write NaN")
+    frames, points = _kept(path, seen)
+    for kept, ids, word, less in (
+        (frames, parts.frames, "frame", "show fewer than two tracks"),
+        (points, parts.ids, "track", "are seen in fewer than two frames"),
+    ):
+        if not kept.all():
+            notes.append(f"left out: {_list(word, [ids[k] for k in np.flatnonzero(~kept)])}, which {less}")
+    W, seen = W[frames][:, :, points], seen[np.ix_(frames, points)]
+    W = centre(W)
+    structure = None if parts.structure is None else parts.structure[frames][:, :, points]
+    cameras = None if parts.cameras is None else _orthonormal(path, parts.cameras[frames])
+    if structure is not None:
+        structure, note = _scaled(path, W, seen, structure, cameras)
+        notes += [note] if note else []
+    labels, bodies = parts.labels, parts.bodies
+    if labels is not None:
+        present, labels = np.unique(labels[points], return_inverse=True)
+        bodies = tuple(bodies[k] for k in present)
+    return Scene(
+        name=name,
+        tracks=W,
+        bodies=bodies,
+        labels=labels,
+        structure=structure,
+        cameras=cameras,
+        visible=None if seen.all() else seen,
+        digest=sha256(path),
+        track_ids=tuple(parts.ids[k] for k in np.flatnonzero(points)),
+        frame_ids=tuple(parts.frames[k] for k in np.flatnonzero(frames)),
+        notes=tuple(notes),
+    )
+
+
+def _check_numbers(path: Path, parts: Parts) -> None:
+    """Raise DatasetError on infinite numbers, positions of which one coordinate is NaN, and truth that lacks."""
+
+    def first(bad: NDArray[np.bool_]) -> str:
+        frame, track = np.argwhere(bad)[0]
+        return f"frame {parts.frames[frame]}, track {parts.ids[track]}"
+
+    for held in (parts.tracks, parts.structure, parts.cameras):
+        if held is not None and (np.abs(held[np.isfinite(held)]) > HUGE).any():
+            raise DatasetError(f"{path}: it holds numbers above {HUGE:g}; bring it to other units")
+    W = parts.tracks
+    if np.isinf(W).any():
+        raise DatasetError(
+            f"{path}: {first(np.asarray(np.isinf(W).any(axis=1)))} is infinite; write NaN where it is not observed"
+        )
+    nan = np.isnan(W)
+    if (half := nan[:, 0] != nan[:, 1]).any():
+        raise DatasetError(f"{path}: {first(half)} has one coordinate alone; write both, or neither")
+    if parts.structure is not None:
+        bad = np.asarray(np.isinf(parts.structure).any(axis=1) | (~observed(parts.structure) & ~nan[:, 0]))
+        if bad.any():
+            raise DatasetError(f"{path}: the structure of {first(bad)} is NaN or infinite; leave the structure out")
+    if parts.cameras is not None and not np.isfinite(parts.cameras).all():
+        raise DatasetError(f"{path}: the cameras hold NaN or infinite values; leave them out to have them estimated")
+
+
+def _kept(path: Path, seen: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Frames that show two tracks and tracks that are seen in two frames, of what is kept."""
+    frames, points = np.ones(seen.shape[0], dtype=bool), np.ones(seen.shape[1], dtype=bool)
+    for _ in range(ROUNDS):
+        part = seen & frames[:, None] & points
+        enough = part.sum(axis=1) >= 2, part.sum(axis=0) >= 2
+        if np.array_equal(enough[0], frames) and np.array_equal(enough[1], points):
+            break
+        frames, points = enough
+    else:
+        frames = np.zeros_like(frames)
+    if frames.sum() < 2 or points.sum() < 2:
+        raise DatasetError(
+            f"{path}: {int(seen.sum())} observations in {seen.shape[0]} frames of {seen.shape[1]} tracks are too few; "
+            "wanted two tracks and two frames at least, each track in two frames and two tracks in each frame"
+        )
+    return frames, points
+
+
+def _list(word: str, ids: Sequence[str]) -> str:
+    """``3 frames (7, 8, 9)``."""
+    shown = ", ".join(ids[:5]) + (", ..." if len(ids) > 5 else "")
+    return f"{len(ids)} {word}{'' if len(ids) == 1 else 's'} ({shown})"
+
+
+def _orthonormal(path: Path, cameras: Array) -> Array:
+    """Cameras with orthonormal rows, round-off removed."""
+    off = float(np.abs(cameras @ cameras.transpose(0, 2, 1) - np.eye(2)).max())
+    if not off < ROUND_OFF:
+        raise DatasetError(
+            f"{path}: the cameras' rows are not orthonormal (off by {off:.2g}); divide tracks and camera of each frame "
+            "by its scale, or leave the cameras out to have them estimated"
+        )
+    U, _, Vt = np.linalg.svd(cameras, full_matrices=False)
+    return U @ Vt
+
+
+def _scaled(
+    path: Path, W: Array, seen: NDArray[np.bool_], structure: Array, cameras: Array | None
+) -> tuple[Array, str]:
+    """The true structure, centred per frame, in the units of the tracks; and what was done to it, "" for nothing.
+
+    Without cameras, affine ones are fitted to each frame: of orthographic ones rows have the length of the scale.
+    """
+    S = np.where(seen[:, None], structure, 0)
+    S = np.where(seen[:, None], S - S.sum(axis=2, keepdims=True) / seen.sum(axis=1)[:, None, None], 0)
+    X = np.nan_to_num(W)
+    if cameras is None:
+        A = (X @ S.transpose(0, 2, 1)) @ np.linalg.pinv(S @ S.transpose(0, 2, 1), rcond=1e-9, hermitian=True)
+        image = A @ S
+        size = float(np.sqrt(np.mean(np.sum(A**2, axis=(1, 2)) / 2)))
+    else:
+        image = project(cameras, S)
+        size = max(0.0, float(np.sum(image * X) / max(np.sum(image**2), np.finfo(float).tiny)))
+        image = size * image
+    left = float(np.linalg.norm(X - image) / max(np.linalg.norm(X), np.finfo(float).tiny))
+    if not left < UNEXPLAINED:
+        raise DatasetError(
+            f"{path}: the structure leaves {left:.0%} of the tracks unexplained; its rows are x, y, z for each frame, "
+            "and it is what the cameras see; mend it or leave it out"
+        )
+    S = centre(structure)
+    if abs(size - 1) < 0.05:  # noise on the tracks does as much
+        return S, ""
+    return size * S, f"the true structure was scaled by {size:.6g} to the units of the tracks"

@@ -1,0 +1,115 @@
+"""Two people in one room, as arrays: joints of dancers from the CMU motion capture database.
+
+An .npz file of one take holds an array (F, J, 3) for each person, in metres and with y up, ``names`` (J,) of the
+joints, ``parents`` (J,) with -1 for the root, and ``dt``, the seconds between frames. The first three frames show no
+dance.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrsfm.datasets.body import Body
+from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.public.catalogue import check_name, sha256
+from nrsfm.datasets.readers.limits import HUGE
+from nrsfm.datasets.readers.npzfile import read_npz
+from nrsfm.datasets.real.thinning import Thinning
+from nrsfm.datasets.scene import Scene, captured
+
+FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
+
+
+FIRST = 3
+
+
+HINT = (
+    "it is no public file: a take of CMU subjects 60 and 61 (mocap.cs.cmu.edu), its joints as arrays 'lead60', "
+    "'follow61', 'names', 'parents', 'dt'; set NRSFM_DATA to its folder"
+)
+
+
+def path(folder: Path, take: str) -> Path:
+    """The file of a take, ``two_person/TAKE.npz``; raises MissingData if it is not there."""
+    check_name("take", take)
+    file = folder / "two_person" / f"{take}.npz"
+    if not file.is_file():
+        raise MissingData(f"{file} is not there; {HINT}")
+    return file
+
+
+def load_scene(
+    folder: Path,
+    take: str,
+    *,
+    name: str | None = None,
+    thinning: Thinning | None = None,
+    degrees_per_frame: float = 5.0,
+) -> Scene:
+    """The people of a take where they danced, body joints alone, before one orbiting camera.
+
+    Parameters
+    ----------
+    folder : Path
+        The data folder, which holds ``two_person/``.
+    take : str
+        E.g. ``salsa_01``.
+    name : str, optional
+        Scene name; the take's by default.
+    thinning : Thinning, optional
+        Its frames are counted after the first three.
+    degrees_per_frame : float
+        The camera's step.
+
+    Raises
+    ------
+    MissingData
+        If the file is not there.
+    DatasetError
+        If it cannot be read or its arrays do not fit each other.
+    """
+    file = path(folder, take)
+    held = read_npz(file)
+    people = {key: value for key, value in held.items() if value.ndim == 3}
+    names, parents, dt = _fields(file, held, people)
+    body = np.array([not any(finger in str(joint) for finger in FINGERS) for joint in names])
+    place = np.cumsum(body) - 1  # of a joint among those kept
+    bones = np.array([[place[p], place[k]] for k, p in enumerate(parents) if p >= 0 and body[k] and body[p]])
+    shapes = {X.shape for X in people.values()}
+    n_frames = next(iter(shapes))[0] - FIRST
+    if len(shapes) > 1 or n_frames < 2:
+        raise DatasetError(f"{file}: its people have shapes {sorted(shapes)}, wanted one shape (F, J, 3)")
+    kept = (thinning or Thinning()).frames(n_frames, 1 / dt)
+    found = []
+    for person, X in people.items():
+        S = np.ascontiguousarray(X[FIRST:][kept][:, body].transpose(0, 2, 1), dtype=float)
+        found.append(Body(person, S, edges=bones.reshape(-1, 2), vertical="y", digest=sha256(file)))
+    return captured(found, name=name or take, degrees_per_frame=degrees_per_frame)
+
+
+def _fields(
+    file: Path, held: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
+) -> tuple[NDArray[Any], NDArray[Any], float]:
+    """Names, parents and the time step, once they fit the people's joints."""
+    for key in ("names", "parents", "dt"):
+        if key not in held:
+            known = ", ".join(ascii(name[:40]) for name in list(held)[:20])
+            raise DatasetError(f"{file}: field {key} is missing (the file holds {known})")
+    names, parents, dt = held["names"], held["parents"], held["dt"]
+    joints = names.shape[0] if names.ndim == 1 else 0
+    wrong = [key for key, X in people.items() if X.shape[1:] != (joints, 3) or X.dtype.kind != "f"]
+    if wrong or not people:
+        what = f"{wrong[0][:40]!a} has shape {people[wrong[0]].shape}" if wrong else "it holds no person"
+        raise DatasetError(f"{file}: {what}, wanted numbers of shape (F, {joints}, 3)")
+    if odd := [key for key, X in people.items() if not (np.abs(X.astype(float)) < HUGE).all()]:
+        raise DatasetError(f"{file}: {odd[0][:40]!a} holds NaN or infinite values, or numbers above {HUGE:g}")
+    whole = parents.shape == (joints,) and parents.dtype.kind == "i" and parents.size
+    if not whole or parents.min() < -1 or parents.max() >= joints:
+        raise DatasetError(f"{file}: field parents does not name the joints' parents")
+    if dt.shape != () or dt.dtype.kind != "f" or not 0 < float(dt) < np.inf:
+        raise DatasetError(f"{file}: field dt is no time between frames")
+    return names, parents, float(dt)

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from nrsfm.harness.cli.compare import _with_experiment, locate, measured
+from nrsfm.harness.cli.parser import Parser
+from nrsfm.harness.gate.baseline import bless
+from nrsfm.harness.record.environment import checkout
+from nrsfm.harness.record.errors import UsageError
+
+
+def main(argv: Sequence[str]) -> int:
+    """Record what was measured as a baseline.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing to bless, no reason, or the file cannot be used.
+    """
+    given = command_line().read(argv)
+    path = locate(given.name)
+    if checkout() is None and not given.name.endswith(".json"):
+        raise UsageError(f"the baselines of an installed harness are not written; name a file, {given.name}.json")
+    baseline = bless(
+        measured(_with_experiment(given.overrides, Path(given.name).stem)),
+        path,
+        given.reason,
+        f"{datetime.now(UTC):%Y-%m-%d}",
+    )
+    print(f"{len(baseline.rows)} rows written to {path}")
+    return 0
+
+
+def command_line() -> Parser:
+    parser = Parser(
+        "nrsfm bless",
+        "Record measured runs as a baseline, with the reason why they are right.",
+        """\
+nrsfm bless quick --reason 'exact E-step' experiment=quick
+nrsfm bless tables --reason 'scipy 1.17 finds the eigenvectors to more digits' experiment=tables
+nrsfm bless my_lab.json --reason 'first measured' experiment=quick method=ours  # a file of your own""",
+        "'nrsfm compare experiment=quick compare.baseline=my_lab.json' holds later runs against it.\n\n"
+        "exit codes: 0 written, 3 usage: nothing to bless, or no reason",
+    )
+    parser.add_words("name", _baselines, help="one of reports/baselines, or a path that ends in .json")
+    parser.add_overrides(more="; experiment=NAME when none is named")
+    parser.add_argument("--reason", required=True, help="why these numbers are right; kept in the file")
+    return parser
+
+
+def _baselines() -> Mapping[str, str]:
+    from importlib import resources
+
+    names = (file.name for file in resources.files("nrsfm.reports.baselines").iterdir())
+    return {name.removesuffix(".json"): "" for name in sorted(names) if name.endswith(".json")}

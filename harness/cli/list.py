@@ -1,0 +1,44 @@
+"""The verb ``list``: what there is to choose from, one line each."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from nrsfm.harness.cli.parser import Parser
+from nrsfm.harness.config.plugins import choices, faults
+from nrsfm.harness.record.text import printable
+
+GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print one group, or all, and to standard error what is wrong with installed packages."""
+    given = command_line().read(argv)
+    console = Console()
+    for heading in [given.what] if given.what else list(GROUPS):
+        table = Table(box=None, pad_edge=False, show_header=False)
+        table.add_column(style="bold", no_wrap=True)
+        table.add_column()
+        for name, (line, package) in choices(GROUPS[heading]).items():
+            table.add_row(escape(printable(name)), escape(printable(f"{line} [{package}]" if package else line)))
+        console.print(f"[bold]{heading}[/bold]")
+        console.print(table)
+    for fault in faults():
+        print(f"nrsfm list: {printable(fault)}", file=sys.stderr)
+    return 0
+
+
+def command_line() -> Parser:
+    parser = Parser(
+        "nrsfm list",
+        "Methods, datasets and experiments, one line each. What installed packages bring is named with the package.",
+        "nrsfm list\nnrsfm list methods\nnrsfm list experiments",
+        "What is wrong with an installed package goes to standard error, a line each.",
+    )
+    parser.add_argument("what", nargs="?", choices=["methods", "datasets", "experiments"], help="all, if left out")
+    return parser

@@ -1,0 +1,98 @@
+"""Command-line parsing that every verb shares: one line for an error, exit code 3, options and words in any order."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NoReturn
+
+from nrsfm.harness.record.text import printable
+
+FILES = ":files"  # in the place of words: a path is wanted
+
+
+#: Words that may stand in a place, each with a line that says what it is.
+Words = Callable[[], Mapping[str, str]]
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one line and exit code 3, and whose help ends in commands that work.
+
+    Parameters
+    ----------
+    prog : str
+        ``nrsfm VERB``.
+    description : str
+        What the verb does; its first sentence stands alone in a shell's completion.
+    examples : str
+        Commands, one a line, each with a comment.
+    notes : str
+        What stands below them: exit codes, where to read on.
+    """
+
+    def __init__(self, prog: str, description: str = "", examples: str = "", notes: str = "", **more: Any) -> None:
+        self.examples = examples.splitlines()
+        self.offers: dict[str, Words] = {}
+        self.overrides = ""
+        self.only: tuple[str, ...] = ("",)
+        shown = ["examples:", *_aligned(self.examples)] if self.examples else []
+        super().__init__(
+            prog,
+            description=textwrap.fill(description, min(shutil.get_terminal_size().columns, 102) - 2),
+            epilog="\n\n".join(filter(None, ["\n".join(shown), notes])),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            **more,
+        )
+
+    def add_words(self, name: str, offers: Words, **more: Any) -> None:
+        """Add words, or an option with its word, that a shell completes by what ``offers`` names."""
+        self.offers[self.add_argument(name, **more).dest] = offers
+
+    def add_overrides(
+        self, name: str = "overrides", metavar: str = "OVERRIDE", more: str = "", only: tuple[str, ...] = ("",)
+    ) -> None:
+        """Add Hydra overrides, as every verb on trials takes them: those that begin as ``only`` says.
+
+        ``name`` may take other words, too.
+        """
+        text = f"a choice (method=ours) or a value (noise.level=0.02) as for 'nrsfm run'{more}"
+        self.add_argument(name, nargs="*", metavar=metavar, help=text)
+        self.overrides, self.only = name, only
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {printable(message)}; see '{self.prog} --help'", file=sys.stderr)
+        raise SystemExit(3)
+
+    def read(self, argv: Sequence[str]) -> argparse.Namespace:
+        """Parse, with options and words in any order."""
+        if self._subparsers is not None:  # argparse mixes no words into those
+            return self.parse_args(list(argv))
+        return self.parse_intermixed_args(list(argv))
+
+
+def _aligned(examples: Sequence[str], longest: int = 56) -> list[str]:
+    """Commands with their comments in a column, below the command where it is long."""
+    parts = [(command, note) for command, _, note in (line.partition("  # ") for line in examples)]
+    width = max((len(command) for command, note in parts if note and len(command) <= longest), default=0)
+    lines = []
+    for command, note in parts:
+        lines.append(f"  {command:{width}}  # {note}" if note and len(command) <= longest else f"  {command}")
+        if note and len(command) > longest:
+            lines.append(f"  {'':{width}}  # {note}")
+    return lines
+
+
+def _choices(group: str) -> Words:
+    def offers() -> Mapping[str, str]:
+        from nrsfm.harness.config.plugins import choices
+
+        return {name: line for name, (line, _) in choices(group).items()}
+
+    return offers
+
+
+def _path() -> Mapping[str, str]:
+    return {FILES: ""}

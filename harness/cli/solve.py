@@ -1,0 +1,151 @@
+"""The verb ``solve``: somebody's tracks in, structure and labels out. No tracker, no trial folder."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from nrsfm.harness.cli.parser import Parser, _choices, _path
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.trial import AUTO
+
+ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the verb; returns its exit code.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be used.
+    UsageError
+        If the command line cannot be used, or the folder is somebody else's.
+    """
+    given = command_line().read(argv)
+    if odd := [word for word in given.overrides if not word.startswith(ALLOWED)]:
+        raise UsageError(f"{odd[0]!r} is no override of method., cameras., limits.memory_gb or threads; see --help")
+    try:
+        return _solve(given)
+    except KeyboardInterrupt:
+        print("nrsfm solve: interrupted; nothing was written", file=sys.stderr)
+        return 130
+
+
+def _solve(given: Any) -> int:
+    from nrsfm.harness.config.compose import compose_config
+    from nrsfm.harness.config.settings import read
+    from nrsfm.harness.solving.export import VIEW, check_folder, save
+    from nrsfm.harness.solving.solution import load, solve
+    from nrsfm.methods.base import MethodError
+
+    n_bodies = _number(given.bodies)
+    settings = read(compose_config([f"method={given.method}"]))[1]
+    scene = load(given.file)
+    folder = (given.out or settings.output / "solve" / scene.name).expanduser()
+    check_folder(folder)
+    asked = {"method": given.method, "cameras": given.cameras, "rank": given.rank, "overrides": given.overrides}
+    again = f"nrsfm run dataset=tracks dataset.file={given.file} method={given.method}"
+    try:
+        with _progress(f"{scene.n_points} tracks over {scene.n_frames} frames") as progress:
+            solution = solve(scene, n_bodies, **asked, progress=progress)
+    except (MethodError, MemoryError) as error:
+        said = str(error) or "there is not enough memory; take fewer tracks, or a method for dense tracks (ours_c)"
+        print(f"nrsfm solve: {' '.join(said.split())}", file=sys.stderr)
+        return 2
+    except (UsageError, OSError):
+        raise
+    except Exception as error:  # whatever a method makes of the tracks
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:500]
+        print(f"nrsfm solve: {given.method} ended with {said}; '{again}' keeps the traceback", file=sys.stderr)
+        return 2
+    print(solution)
+    save(solution, folder)
+    print(f"{'written to':<13} {folder}")
+    print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
+    if given.open:
+        import webbrowser
+
+        webbrowser.open((folder / VIEW).resolve().as_uri())
+    return 0
+
+
+def _number(word: str | None) -> int | str | None:
+    if word is None or word == AUTO:
+        return word
+    try:
+        return int(word)
+    except ValueError:
+        raise UsageError(f"--bodies is {word!r}, wanted a whole number or auto") from None
+
+
+class _Bar:
+    """A :data:`nrsfm.methods.base.Progress` that a terminal shows."""
+
+    def __init__(self, bars: Any, scene: str) -> None:
+        self._bars, self._scene, self._said = bars, scene, ""
+        self._task = bars.add_task(scene, total=None)
+
+    def stage(self, name: str) -> None:
+        self._said = f"{self._scene}: {name}"
+        self._bars.update(self._task, description=self._said, completed=0, total=None)
+
+    def __call__(self, iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
+        words = ", ".join(f"{name} {value:.0e}" for name, value in residuals.items())
+        self._bars.update(self._task, completed=iteration, total=iterations, description=f"{self._said}, {words}")
+
+
+@contextmanager
+def _progress(scene: str) -> Iterator[_Bar | None]:
+    """What tells a terminal what is at work and how far it is; elsewhere nothing is said."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bars:
+        yield _Bar(bars, scene)
+
+
+def command_line() -> Parser:
+    parser = Parser(
+        "nrsfm solve",
+        "Reconstruct tracks of your own in 3D, and tell the bodies apart. No tracker is needed.",
+        """\
+nrsfm solve tracks.npz --bodies 2  # arrays: tracks (F, 2, P) or W (2F, P); NaN is not observed
+nrsfm solve tracks.mat --bodies 3 --method bmm_ssc3d
+nrsfm solve tracks.csv --bodies auto  # a line for each observation: frame,track,x,y[,label][,visible]
+nrsfm solve wide.csv --bodies 2  # a line for each frame: x_A,y_A,x_B,y_B,... or A.x,A.y,B.x,B.y,...
+nrsfm solve take.c3d  # markers in 3D, seen by a camera that circles; the truth is known
+nrsfm solve tracks.npz --bodies 2 --rank 7  # cameras from the tracks, which deform in 7 shapes
+nrsfm solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16""",
+        """\
+fields of .npz and .mat, all but the tracks optional (rows of a frame stand together):
+  tracks or W     (F, 2, P) or (2F, P), rows x, y      visible     (F, P), 1 where a track is observed
+  cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal    labels, s   (P,), the true body of each track
+  structure or S  (F, 3, P) or (3F, P), the truth
+
+written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, summary.txt,
+result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
+
+exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
+    )
+    parser.add_words("file", _path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_overrides(
+        only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
+    )
+    words = "how many bodies there are, or auto to have them counted, which is seldom right"
+    parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
+    parser.add_words("--method", _choices("method"), default="ours", help="any of 'nrsfm list methods' (ours)")
+    parser.add_argument(
+        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
+    )
+    parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
+    parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
+    return parser

@@ -1,0 +1,71 @@
+"""Hydra on the configuration tree of this package and of those that are installed. Light: no method is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from hydra import compose, initialize_config_module
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from nrsfm.harness.config.plugins import folders
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.text import printable
+
+#: Keys that take one of a few words.
+WORDS = {"missing": ("error", "stand_in"), "rerun": ("none", "failed", "stale", "all")}
+
+
+class Configurations(SearchPathPlugin):
+    """Puts the configurations of installed packages into Hydra's search path, behind the harness's own."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        for package, folder in folders().items():
+            search_path.append(package, f"file://{folder}")
+
+
+Plugins.instance().register(Configurations)
+
+
+def one_line(error: BaseException) -> str:
+    """An error's message on one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = " ".join(lines[:100]) if lines else type(error).__name__
+    return printable(text).replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
+
+
+@contextmanager
+def configurations() -> Iterator[None]:
+    """Hydra initialised on the package's configuration tree; its errors become one-line UsageErrors."""
+    try:
+        if GlobalHydra.instance().is_initialized():
+            yield
+        else:
+            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
+                yield
+    except (HydraException, OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
+        raise UsageError(one_line(error)) from None
+    except ValueError as error:
+        if isinstance(error, UsageError) or not str(error).startswith("Config group override"):
+            raise
+        remedy = "a group takes the name of one of its files (noise=gaussian), a key its value (noise.level=0.01)"
+        raise UsageError(f"{one_line(error)}: {remedy}") from None
+
+
+def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
+    """The configuration that the overrides make, as ``nrsfm run`` would see it."""
+    with configurations():
+        return compose("config", overrides=list(overrides))
+
+
+def data_folder() -> Path:
+    """The folder of the real sequences, as a run would take it."""
+    return Path(compose_config().data or "data").resolve()

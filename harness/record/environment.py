@@ -1,0 +1,130 @@
+"""What a number was computed with. It names no machine, user or folder: records are handed on."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+
+
+#: What of the environment results are computed by; a record that differs in one of them is stale.
+COMPUTES = ("code", "packages", "numpy", "scipy", "scikit-learn", "blas")
+
+
+#: Where it is computed: times compare where all of these, and what computes, are the same.
+MACHINE = ("processor", "cores", "threads", "machine", "python")
+
+
+#: Which state of the sources: it changes with every edit, whether or not that changes results or times.
+STATE = ("code", "commit", "tree")
+
+
+#: What a trial's results come from: a change of one of these in a checkout is a change of its tree.
+SOURCES = ("conf", "datasets", "harness", "methods")
+
+
+@functools.cache
+def environment() -> Mapping[str, str]:
+    """What all trials of this process share.
+
+    Returns
+    -------
+    mapping of str to str
+        Versions of Python, the libraries and this project; ``blas``; ``machine``, ``processor`` and its ``cores`` that
+        may be used; ``code``, the digest of the sources of datasets and methods; in a checkout its ``commit`` and
+        ``tree``, which is clean or changed.
+    """
+    from threadpoolctl import threadpool_info
+
+    names = ("numpy", "scipy", "scikit-learn", "mlflow", "hydra-core", "nrsfm")
+    blas = sorted({f"{p['internal_api']} {p['version']}" for p in threadpool_info() if p["user_api"] == "blas"})
+    return {
+        "python": platform.python_version(),
+        **{name: metadata.version(name) for name in names},
+        "blas": ", ".join(blas),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "processor": _processor(),
+        "cores": str(cores()),
+        "code": source_digest(),
+        **commit(checkout()),
+    }
+
+
+def checkout() -> Path | None:
+    """The folder of the sources where the harness runs from a checkout; None where it is an installed package."""
+    root = Path(__file__).resolve().parents[2]
+    return root if (root / "pyproject.toml").is_file() else None
+
+
+def cores() -> int:
+    """Of this machine, those that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+@functools.cache
+def source_digest() -> str:
+    """SHA-256 over the sources of datasets and methods, 16 hex digits."""
+    from nrsfm import datasets, methods
+
+    return digest_of(*(Path(str(package.__file__)) for package in (datasets, methods)))
+
+
+def digest_of(*places: Path) -> str:
+    """SHA-256 over modules, and over all that stands in a package where its ``__init__.py`` is named; 16 hex digits."""
+    total = hashlib.sha256()
+    for place in places:
+        for file in sorted(place.parent.rglob("*.py")) if place.name == "__init__.py" else [place]:
+            total.update(file.relative_to(place.parent).as_posix().encode() + b"\0" + file.read_bytes())
+    return total.hexdigest()[:16]
+
+
+def commit(root: Path | None) -> dict[str, str]:
+    """The commit that a checkout stands at, and whether what computes is as it is there; {} for what is no repository.
+
+    Asks of ``root`` itself: neither the folder that somebody works in nor a repository around an installed package is
+    meant.
+    """
+    if root is None or not (root / ".git").exists():
+        return {}
+    places = [name for name in SOURCES if (root / name).is_dir()]
+    head = _git(root, "rev-parse", "--verify", "HEAD")
+    changes = _git(root, "status", "--porcelain", "--", *places)
+    if head is None or changes is None:
+        return {}
+    return {"commit": head, "tree": "changed" if changes else "clean"}
+
+
+def _git(root: Path, *words: str) -> str | None:
+    """What git says; None where there is no git, or it refuses the folder."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # as in its hooks
+    command = ["git", "--no-optional-locks", "-C", str(root), *words]
+    try:
+        done = subprocess.run(command, env=plain, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

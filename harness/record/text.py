@@ -1,0 +1,106 @@
+"""Numbers and foreign text made fit to print: one line, one precision, escaped for where it goes."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+LONGEST = 160
+"""Characters of an error message that a table shows."""
+
+
+DIGITS = 4
+"""Decimals of an error in tables: the most that the papers print."""
+
+
+def one_line(text: object, longest: int = LONGEST) -> str:
+    """Text on one line, without control or invisible characters, cut to ``longest``."""
+    clean = "".join(c if c.isprintable() else " " for c in str(text))
+    clean = " ".join(clean.split())
+    return clean if len(clean) <= longest else clean[: longest - 1].rstrip() + "…"
+
+
+def printable(text: object, longest: int = 2000) -> str:
+    """Text for the terminal: on one line, control characters spelt out, so that none of them does anything."""
+    clean = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
+    return clean if len(clean) <= longest else clean[: longest - 1] + "…"
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """An error as the papers print it: four decimals, and 0.0 for none at all."""
+    return "0.0" if value == 0 and digits else f"{value:.{digits}f}"
+
+
+def count(value: float) -> str:
+    """A count, which is a mean where runs were repeated: ``7`` or ``7.4``."""
+    return f"{value:.1f}".removesuffix(".0")
+
+
+def signed(value: float, unit: str) -> str:
+    """A difference from the published number: ``+4`` tracks, ``+0.06`` percentage points, ``-3.2 %`` of it."""
+    if unit == "percentage points":
+        text = f"{value:+.2f}"
+    else:
+        text = f"{value:+.1f}".removesuffix(".0") if unit == "tracks" else f"{100 * value:+.1f} %"
+    return text if text.strip("+-0. %") else text[1:]
+
+
+class Safe(str):
+    """Text that is already in the target's language; the escapes leave it alone."""
+
+    __slots__ = ()
+
+
+_TEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "*": "{*}",
+    "[": "{[}",
+    "]": "{]}",
+    "±": r"$\pm$",
+    "−": "$-$",
+    "…": r"\ldots{}",
+    "·": r"$\cdot$",
+    "×": r"$\times$",
+}
+
+
+def escape_tex(value: object) -> str:
+    """Any text as LaTeX that prints it; ASCII alone, so that every engine reads it."""
+    return value if isinstance(value, Safe) else "".join(_tex(c) for c in _flat(value))
+
+
+def _tex(c: str) -> str:
+    if c in _TEX:
+        return _TEX[c]
+    if c.isascii():
+        return c
+    plain = unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode()
+    return "".join(_TEX.get(p, p) for p in plain) or f"{{[}}U+{ord(c):04X}{{]}}"
+
+
+_MARKDOWN = re.compile(r"([\\|`*\[\]~#$])|((?<!\w)_|_(?!\w))")
+
+
+def escape_md(value: object) -> str:
+    """Any text as Markdown that prints it, inside a table's cell too."""
+    if isinstance(value, Safe):
+        return value
+    text = _flat(value).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return _MARKDOWN.sub(lambda m: "\\" + m.group(0), text)
+
+
+def _flat(value: object) -> str:
+    """On one line, nothing cut (templates pass long notes), spaces at the ends kept."""
+    return re.sub(" +", " ", "".join(c if c.isprintable() else " " for c in str(value)))

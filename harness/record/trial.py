@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+#: The groups of the configuration that make a trial.
+GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
+
+
+#: The number of bodies that is left to the method.
+AUTO = "auto"
+
+
+def digest(value: Any) -> str:
+    """A short, stable hash of plain data: SHA-256 of its canonical JSON, 16 hex digits."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def gap_words(gaps: Mapping[str, Any]) -> str:
+    """``random 0.2`` of a trial's gaps, "" where there are none."""
+    return f"{gaps['kind']} {gaps['share']:g}" if gaps else ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One method on one scene under one setting: the resolved configuration, without paths.
+
+    Parameters
+    ----------
+    dataset, method, cameras, noise, gaps : mapping
+        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
+        words that stand in tables.
+    n_bodies : int, "auto" or None
+        Number of clusters asked for; None takes the scene's, ``auto`` leaves it to the method.
+    """
+
+    dataset: Mapping[str, Any]
+    method: Mapping[str, Any]
+    cameras: Mapping[str, Any]
+    noise: Mapping[str, Any]
+    gaps: Mapping[str, Any] = field(default_factory=dict)
+    n_bodies: int | str | None = None
+
+    @property
+    def setting(self) -> str:
+        """Hash of what was asked, whatever data and code answer it."""
+        return digest({name: value for name, value in asdict(self).items() if name != "gaps" or value})
+
+    def key(self, data: str, version: str) -> str:
+        """The trial's identity: its setting, the data's digest and the method's version."""
+        return digest({"setting": self.setting, "data": data, "version": version})
+
+    @property
+    def title(self) -> str:
+        """``dance_yoga ours``, with what differs from the plain setting behind it."""
+        words = [str(self.dataset["name"]), str(self.method["name"])]
+        if self.noise["level"]:
+            words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
+        if self.gaps:
+            words.append(f"gaps={gap_words(self.gaps)}")
+        if self.n_bodies == AUTO:
+            words.append("n_bodies=auto")
+        if self.cameras["source"] != "known":
+            words.append(f"cameras={self.cameras['source']}")
+        return " ".join(words)

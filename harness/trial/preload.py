@@ -1,0 +1,13 @@
+"""What every trial needs, loaded and looked up once by the server from which the trials are forked."""
+
+from nrsfm.datasets import registry as datasets
+from nrsfm.harness.record.environment import environment
+from nrsfm.methods import registry as methods
+
+environment()
+
+
+methods.others()
+
+
+datasets.others()

@@ -1,0 +1,89 @@
+"""How far a trial is: told by its process in a file, read by whoever follows the sweep."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+LARGEST = 1 << 16  # bytes of the file
+
+
+SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are told in the file, and in the trial's log
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one trial is at: a stage, and within it an iteration, of how many at most, and its residuals by name."""
+
+    title: str
+    stage: str = ""
+    iteration: int = 0
+    iterations: int = 0
+    residuals: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """``structure 120/6000: primal 1e-03, dual 4e-02``."""
+        where = f"{self.stage} {self.iteration}/{self.iterations}".strip() if self.iterations else self.stage
+        residuals = ", ".join(f"{name} {value:.0e}" for name, value in self.residuals.items())
+        return f"{where}: {residuals}" if residuals else where
+
+
+class Reporter:
+    """A :data:`nrsfm.methods.base.Progress` that keeps ``path`` up to date and writes to standard output, the trial's log."""
+
+    def __init__(self, title: str, path: Path | None) -> None:
+        self.title, self.path = title, path
+        self._stage = ""
+        self._written, self._logged = 0.0, time.monotonic()
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+
+    def stage(self, name: str) -> None:
+        """See :func:`nrsfm.methods.base.stage`; told at once, for a stage may be long and say nothing else."""
+        if name != self._stage:
+            self._stage = name
+            self._write(Step(self.title, name))
+
+    def __call__(self, iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
+        now, step = time.monotonic(), Step(self.title, self._stage, iteration, iterations, dict(residuals))
+        if now - self._logged > LOG_SECONDS:
+            self._logged = now
+            print(step.words, flush=True)
+        if now - self._written > SECONDS:
+            self._written = now
+            self._write(step)
+
+    def _write(self, step: Step) -> None:
+        if self.path is not None:
+            fresh = self.path.with_suffix(".new")
+            fresh.write_text(json.dumps(step.__dict__))
+            fresh.replace(self.path)
+
+
+def place(output: Path, sweep: str, key: str) -> Path | None:
+    """The file of a trial of a sweep; None outside any sweep."""
+    return output / "sweeps" / sweep / "running" / f"{key}.json" if sweep else None
+
+
+def forget(path: Path | None) -> None:
+    """Remove a trial's file, which has ended however it did."""
+    if path is not None:
+        path.unlink(missing_ok=True)
+        path.with_suffix(".new").unlink(missing_ok=True)
+
+
+def steps(output: Path, sweep: str) -> Iterator[tuple[str, Step]]:
+    """Key and step of every trial that is at work."""
+    for path in sorted((output / "sweeps" / sweep / "running").glob("*.json")):
+        try:
+            step = Step(**json.loads(path.read_bytes()[:LARGEST]))
+            _ = step.words
+            whole = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # it ended in this moment, or is none
+            continue
+        if whole:
+            yield path.stem, step

@@ -1,0 +1,158 @@
+"""Sparse subspace clustering (Elhamifar and Vidal, PAMI 2013)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClusterMixin
+from sklearn.utils.validation import validate_data
+
+from nrsfm.methods.base import Array, MethodError, check_setting
+from nrsfm.methods.clustering.spectral import spectral_clustering
+
+
+class SSC(ClusterMixin, BaseEstimator):
+    """Cluster points that lie on a union of (affine) subspaces by their sparse self-expression.
+
+    Parameters
+    ----------
+    n_clusters : int or None
+        None takes what the eigengap of the affinity says.
+    alpha : float
+        Weight of the data term, relative to the smallest weight at which the code is not zero; also the
+        penalty of the ADMM. 800 for motion, 20 for images.
+    affine : bool
+        Demand that each column of the code sums to one.
+    share : float in (0, 1]
+        Part of each column's l1 mass that is kept before clustering, largest coefficients first: 0.7 for motion
+        in the authors' experiments, 1 keeps all.
+    max_iter : int
+    tol : float
+        Stop when max|Z - C| and max|1'Z - 1'| are below it.
+    seed : int
+        Of k-means.
+
+    Attributes
+    ----------
+    code_ : (n_samples, n_samples) array
+        C, with X = X C for columns X.
+    affinity_matrix_ : (n_samples, n_samples) array
+    labels_ : (n_samples,) int array
+    n_iter_ : int
+
+    References
+    ----------
+    Elhamifar, Vidal, "Sparse subspace clustering: algorithm, theory, and applications", PAMI 2013, eq. (15)
+    and algorithm 2. The zero diagonal is part of the soft threshold here, which makes that step exact.
+    """
+
+    def __init__(
+        self,
+        n_clusters: int | None = 2,
+        *,
+        alpha: float = 800.0,
+        affine: bool = True,
+        share: float = 1.0,
+        max_iter: int = 200,
+        tol: float = 2e-4,
+        seed: int = 0,
+    ) -> None:
+        self.n_clusters = n_clusters
+        self.alpha = alpha
+        self.affine = affine
+        self.share = share
+        self.max_iter = max_iter
+        self.tol = tol
+        self.seed = seed
+
+    def fit(self, X: ArrayLike, y: Any = None) -> SSC:
+        """Cluster the rows of X, shape (n_samples, n_features)."""
+        points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        _check_settings(self)
+        self.code_, self.n_iter_ = sparse_code(points.T, self.alpha, self.affine, self.max_iter, self.tol)
+        self.affinity_matrix_ = code_affinity(self.code_, self.share)
+        self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
+        return self
+
+
+def _check_settings(model: SSC) -> None:
+    check_setting(model, "alpha", 0)
+    check_setting(model, "tol", 0)
+    check_setting(model, "max_iter", 1, strict=False, whole=True)
+    check_setting(model, "share", 0)
+    if model.share > 1:
+        raise MethodError(f"SSC: share is {model.share}, wanted a number in (0, 1]")
+    if not isinstance(model.affine, bool):
+        raise MethodError(f"SSC: affine is {model.affine!r}, wanted true or false")
+
+
+def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:
+    """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine: eq. (15), by algorithm 2 with penalty alpha.
+
+    With a = alpha / m (m as in :class:`SSC`) the penalty cancels from the Z-step. Stacked as V = [X / sqrt(m); 1'] it
+    is Z = N + V'(I + V V')^-1 (B - V N), N = C - U, where B is V with the multiplier of 1'Z = 1' taken off its last
+    row: two products with a matrix of D + 1 rows in place of one with an (N, N) inverse.
+
+    Parameters
+    ----------
+    X : (D, N) array
+        One point a column.
+
+    Returns
+    -------
+    (N, N) array, int
+        The code and the number of iterations.
+    """
+    n = X.shape[1]
+    G = X.T @ X
+    off = np.abs(G - np.diag(np.diag(G)))
+    smallest = off.max(axis=0).min()
+    if smallest == 0:  # some point is orthogonal to all others: nothing expresses it
+        smallest = max(off.max(), np.finfo(float).tiny)
+    V = X / np.sqrt(smallest)
+    if len(V) > n:  # V'V is all that counts
+        V = scipy.linalg.qr(V, mode="r", check_finite=False)[0][:n]
+    if affine:
+        V = np.vstack([V, np.ones(n)])
+    A = scipy.linalg.solve(np.eye(len(V)) + V @ V.T, V, assume_a="pos", check_finite=False).T
+    B = V.copy()
+    C = np.zeros((n, n))
+    U = np.zeros((n, n))  # scaled multiplier of Z = C
+    iteration = 0
+    while iteration < max_iter:
+        iteration += 1
+        N = C - U
+        Z = N + A @ (B - V @ N)
+        Y = Z + U
+        before, U = U, np.clip(Y, -1 / alpha, 1 / alpha)  # U + Z - C, with C the soft threshold of Y ...
+        np.fill_diagonal(U, np.diag(Y))  # ... and zero on the diagonal
+        C = Y - U
+        worst = np.abs(U - before).max()
+        if affine:
+            slack = Z.sum(axis=0) - 1
+            B[-1] -= slack
+            worst = max(worst, np.abs(slack).max())
+        if worst < tol:
+            break
+    return C, iteration
+
+
+def code_affinity(C: Array, share: float = 1.0, scale: bool = True) -> Array:
+    """|C| + |C'| after keeping each column's largest coefficients up to a share of its l1 mass.
+
+    With ``scale`` each column is divided by its largest coefficient first: steps 2 and 3 of algorithm 1.
+    """
+    A = np.abs(C)
+    if share < 1:
+        order = np.argsort(-A, axis=0, kind="stable")
+        ranked = np.take_along_axis(A, order, axis=0)
+        before = np.cumsum(ranked, axis=0) - ranked
+        ranked[before >= share * ranked.sum(axis=0)] = 0
+        A = np.zeros_like(A)
+        np.put_along_axis(A, order, ranked, axis=0)
+    if scale:
+        A = A / np.maximum(A.max(axis=0), np.finfo(float).tiny)
+    return A + A.T

@@ -1,0 +1,335 @@
+"""The printed iteration without a P x P array: sparse plus low-rank matrices in place of C and Y3.
+
+With V = [S; 1'] (r, P), the C-step's optimality reads C G = V'M + (E - U) D' for an (r, P) matrix M and U = Y3/b,
+and the E-step's soft threshold splits Z = C D + U into E and the new U. So U D' = V'M + (E_old - E) D', and the part
+of U that D' does not see is minus the sum J of all E so far (each scaled as b grew since). Hence, with s the penalty
+of the last step over that of this one,
+
+    C = (V'M - s V_old'M_old + E D' - s (E_old - E) D') G^-1
+    Z = (V'M + (E + s J) D') G^-1 D - s J
+
+in which V'M is dense but never stored: Z is made, thresholded and forgotten in blocks of rows. Without the spatial
+term G = D = I, J falls out, and Z = V'M + E. The S-step takes conjugate gradients with C as an operator. All of it is
+the iteration of :class:`nrsfm.methods.multibody.lagrangian.Problem` and :class:`nrsfm.methods.multibody.spatial.SpatialProblem`, to rounding.
+
+Operations an iteration, for Z of rank k <= r with q entries of E: 2 k P^2 + O(P^2) for Z, O(r^2 P) for M, and for each
+step of conjugate gradients on m <= 3F rows 8 k m P + 4 m q. Memory O(r P + q).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from threadpoolctl import ThreadpoolController
+
+from nrsfm.methods.base import Array
+from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.spatial import Neighbours
+from nrsfm.methods.numerics.cameras import axes
+
+ENTRIES = 400  # of E, a track; see implicit_bytes
+
+
+BLOCK_BYTES = 4 << 20  # of Z at a time: as much as stays in the cache
+
+
+GAP_ROWS = 1000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
+
+
+@dataclass
+class Code:
+    """C = (A + L'R) G^-1: A (P, P) sparse, L and R (k, P), G of the neighbours (I without).
+
+    ``M`` and ``V`` are this step's low-rank part V'M, and ``fixed`` is E D' of the E that it started from.
+    ``operations`` counts the multiplications and additions of its products.
+    """
+
+    A: sp.csr_array
+    L: Array
+    R: Array
+    neighbours: Neighbours | None
+    V: Array
+    M: Array
+    fixed: sp.csr_array
+    operations: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.A.shape
+
+    def apply(self, X: Array) -> Array:
+        """C X for (P, m) columns."""
+        self._count(X.shape[1])
+        Y = X if self.neighbours is None else self.neighbours.solve(X)
+        return self.A @ Y + self.L.T @ (self.R @ Y)
+
+    def apply_transposed(self, X: Array) -> Array:
+        """C'X for (P, m) columns."""
+        self._count(X.shape[1])
+        Y = self.A.T @ X + self.R.T @ (self.L @ X)
+        return Y if self.neighbours is None else self.neighbours.solve(Y)
+
+    def _count(self, columns: int) -> None:
+        self.operations += 2.0 * columns * (self.A.nnz + 2 * self.L.size)
+
+    def rows(self, at: slice) -> Array:
+        """Rows of C, (m, P)."""
+        return _rows(self.L, self.R, self.A, at, self.neighbours)
+
+
+@dataclass(frozen=True)
+class Multiplier:
+    """U = Y3/b: U D' = V'M + drift, and U minus its part that D' sees is -J (I - D'G^-1 D); at the penalty ``b``."""
+
+    V: Array
+    M: Array
+    drift: sp.csr_array
+    J: sp.csr_array | None
+    b: float
+
+
+@dataclass(frozen=True)
+class ImplicitProblem(Problem):
+    """The printed Lagrangian's iteration with C a :class:`Code`, E sparse and Y3 a :class:`Multiplier`.
+
+    Parameters
+    ----------
+    neighbours : Neighbours, optional
+        Of the spatial term; None is D = I.
+    dtype : numpy float type
+        Of Z and of the conjugate gradients. Everything of r rows and the multipliers is in float64.
+    tol : float
+        Relative residual of the conjugate gradients; 1e-13 in float64 makes the S-step exact to rounding.
+    """
+
+    neighbours: Neighbours | None = field(default=None, kw_only=True)
+    dtype: Any = field(default=np.float64, kw_only=True)
+    cg_tol: float = field(default=1e-13, kw_only=True)
+
+    def start(self, b: float) -> State:
+        """S = pinv(R) W, S# = g(S), all else zero."""
+        S = self.cameras.transpose(0, 2, 1) @ self.W
+        P = S.shape[2]
+        zero, none = np.zeros_like(S), np.zeros((0, P), dtype=self.dtype)
+        empty = sp.csr_array((P, P), dtype=self.dtype)
+        E = empty if self.neighbours is None else sp.csr_array(self.neighbours.D.shape, dtype=self.dtype)
+        U = Multiplier(none, none, empty, None if self.neighbours is None else E, b)
+        C = Code(empty, none, none, self.neighbours, none, none, empty)
+        return State(S, S, C, E, zero, zero, U, np.zeros(P), b)
+
+    def code_step(self, state: State) -> Code:
+        """C of eq. (20): V V'M + M G = H G - V (E - U) D' in the eigenvectors of V V'.
+
+        Directions of V that are fainter than the tolerance of the S-step are left out.
+        """
+        U = state.Y3
+        s = U.b / state.b
+        V, H = self.code_rows(state)
+        fixed = state.E if self.neighbours is None else (state.E @ self.neighbours.D.T).tocsr()
+        A = (fixed - s * U.drift).tocsr()
+        Q, k = _leading(V, self.cg_tol)
+        V, H = Q.T @ V, Q.T @ H
+        known = (A.T @ V.T).T - s * (V @ U.V.T) @ U.M
+        if self.neighbours is None:
+            M = (H - known) / (1 + k)[:, None]
+        else:
+            M = self.neighbours.solve_shifted((self.neighbours.G @ H.T).T - known, k)
+        V, M = V.astype(self.dtype), M.astype(self.dtype)
+        L, R = np.concatenate([V, U.V]), np.concatenate([M, (-s * U.M).astype(self.dtype)])
+        return Code(A.astype(self.dtype), L, R, self.neighbours, V, M, fixed)
+
+    def sparse_step(self, state: State) -> sp.csr_array:
+        """E of eq. (18): the soft threshold of Z at l1/b, in blocks of rows of Z."""
+        C, U, threshold = state.C, state.Y3, self.dtype(self.l1 / state.b)
+        seen = unseen = C.fixed
+        if self.neighbours is not None:
+            unseen = ((U.b / state.b) * U.J).tocsr()
+            seen = ((state.E + unseen) @ self.neighbours.D.T).tocsr()
+
+        def block(at: slice) -> sp.csr_array:
+            Z = _rows(C.V, C.M, seen, at, self.neighbours)
+            if self.neighbours is not None:
+                Z = self.neighbours.differences(Z)
+                _add(Z, unseen, at, -1)
+            Z[np.arange(len(Z)), np.arange(at.start, at.stop)] = 0
+            return _soft_sparse(Z, threshold)
+
+        return sp.vstack(list(self._map(block, state.E.shape[1])), format="csr")
+
+    def structure_step(self, state: State) -> Array:
+        """S of eq. (14) by conjugate gradients from the S before, in each frame's own axes.
+
+        Image rows solve X (B + (1 + 1/b) I) = rhs and depth rows X (B + I) = rhs with B = (I - C)(I - C)'. Only the
+        residual of the start is solved for, and its rows are first brought down to the directions that matter.
+        """
+        b, C = state.b, state.C
+        F, _, P = state.S.shape
+        Q = axes(self.cameras)
+        X = Q @ state.S
+        wanted = Q @ (state.shape + state.Y1 / b)
+        wanted[:, :2] += self.W / b
+        through = X - self._product(C.apply_transposed, X) + Q @ state.Y2 / b
+        left = wanted - X - through + self._product(C.apply, through)
+        left[:, :2] -= X[:, :2] / b
+        for rows, shift in ((slice(0, 2), 1 + 1 / b), (slice(2, 3), 1.0)):
+            flat = left[:, rows].reshape(-1, P)
+            allowed = self.cg_tol * float(np.linalg.norm(wanted[:, rows]))
+            basis = _leading(flat, 0.3 * allowed / (float(np.linalg.norm(flat)) or 1.0))[0]
+            few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
+            solved = self._conjugate_gradients(C, few, shift, allowed)
+            X[:, rows] += (basis @ solved.T).reshape(F, -1, P)
+        return Q.transpose(0, 2, 1) @ X
+
+    def _product(self, product: Callable[[Array], Array], X: Array) -> Array:
+        """X C or X C' for (F, 3, P) trajectories, by the leading directions of their 3F rows."""
+        flat = X.reshape(-1, X.shape[2])
+        basis = _leading(flat, 0.3 * self.cg_tol)[0]
+        few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
+        return (basis @ product(few).T.astype(float)).reshape(X.shape)
+
+    def _normal(self, C: Code, X: Array) -> Array:
+        """(I - C)(I - C)' X for (P, m) columns."""
+        Y = X - C.apply_transposed(X)
+        return Y - C.apply(Y)
+
+    def _conjugate_gradients(self, C: Code, rhs: Array, shift: float, allowed: float) -> Array:
+        """X of (B + shift I) X = rhs for (P, m) columns, until the residual's Frobenius norm is ``allowed``."""
+        X, R, direction = np.zeros_like(rhs), rhs, rhs.copy()
+        rho = np.einsum("pm,pm->m", R, R)
+        tiny = np.finfo(rhs.dtype).tiny
+        for _ in range(200):
+            if rho.sum() <= allowed**2:
+                break
+            through = self._normal(C, direction) + self.dtype(shift) * direction
+            step = rho / np.maximum(np.einsum("pm,pm->m", direction, through), tiny)
+            X += step * direction
+            R = R - step * through
+            before, rho = rho, np.einsum("pm,pm->m", R, R)
+            direction = R + (rho / np.maximum(before, tiny)) * direction
+        return X
+
+    def gaps(self, state: State) -> dict[str, Array]:
+        """S# - g(S), S - S C, the largest entry of C D - E, and 1'C - 1'."""
+        ones = np.ones((state.S.shape[2], 1), dtype=self.dtype)
+        return {
+            "shape": state.shape - state.S,
+            "expression": state.S - self._product(state.C.apply_transposed, state.S),
+            "code": np.array(self.code_gap(state)),
+            "affine": state.C.apply_transposed(ones)[:, 0].astype(float) - 1,
+        }
+
+    def code_gap(self, state: State) -> float:
+        """max |C D - E| over at most ``GAP_ROWS`` rows, since all would cost as much as the rest of the iteration."""
+        step = -(-state.C.shape[0] // GAP_ROWS)
+
+        def block(at: slice) -> float:
+            at = slice(-(-at.start // step) * step, at.stop, step)
+            if at.start >= at.stop:
+                return 0.0
+            rows = state.C.rows(at)
+            if self.neighbours is not None:
+                rows = self.neighbours.differences(rows)
+            _add(rows, state.E, at, -1)
+            return float(max(rows.max(), -rows.min()))
+
+        return max(self._map(block, state.E.shape[1]))
+
+    def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
+        """Y += b times the violated constraint (algorithm 1)."""
+        b, C, E = state.b, state.C, state.E
+        J = None
+        if self.neighbours is not None:
+            J = ((state.Y3.b / b) * state.Y3.J + E).tocsr()
+            E = (E @ self.neighbours.D.T).tocsr()
+        return replace(
+            state,
+            Y1=state.Y1 + b * gaps["shape"],
+            Y2=state.Y2 + b * gaps["expression"],
+            Y3=Multiplier(C.V, C.M, (C.fixed - E).tocsr(), J, b),
+            Y4=state.Y4 + b * gaps["affine"],
+        )
+
+    def operations(self, state: State) -> float:
+        """Multiplications and additions of the iteration that led to a state, its lower orders left out."""
+        P, rank = state.S.shape[2], len(state.C.V)
+        rows, F = 3 * len(state.S) + 1, len(state.S)
+        code = 2.0 * rows**2 * P + 4.0 * rank * rows * P
+        stream = 2.0 * rank * P * P + 3.0 * P * P
+        return code + stream + state.C.operations + 12.0 * F * F * P
+
+    def _map(self, work: Callable[[slice], Any], width: int) -> Iterator[Any]:
+        """``work`` on blocks of rows, on as many threads as BLAS may use, one BLAS thread each."""
+        P = self.W.shape[2]
+        height = max(1, min(P, BLOCK_BYTES // (width * np.dtype(self.dtype).itemsize)))
+        blocks = [slice(i, min(i + height, P)) for i in range(0, P, height)]
+        threads = min(blas_threads(), len(blocks))
+        if threads == 1:
+            yield from map(work, blocks)
+        else:
+            with _controller().limit(limits=1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
+                yield from pool.map(work, blocks)
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def blas_threads() -> int:
+    """Threads that BLAS may use."""
+    return max((pool.num_threads for pool in _controller().lib_controllers if pool.user_api == "blas"), default=1)
+
+
+def _rows(L: Array, R: Array, A: sp.csr_array, at: slice, neighbours: Neighbours | None) -> Array:
+    """Rows of (L'R + A) G^-1, (m, P)."""
+    block = L[:, at].T @ R
+    _add(block, A, at)
+    return block if neighbours is None else neighbours.solve(block.T).T
+
+
+def _add(block: Array, A: sp.csr_array, at: slice, sign: int = 1) -> None:
+    """block += sign A[at], without a matrix of those rows."""
+    for row, place in zip(block, range(at.start, at.stop, at.step or 1), strict=True):
+        entries = slice(A.indptr[place], A.indptr[place + 1])
+        row[A.indices[entries]] += sign * A.data[entries]
+
+
+def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
+    """The soft threshold of (m, n) rows, of which few entries are left."""
+    above = np.abs(Z) > threshold
+    places = np.flatnonzero(above)
+    values = Z.ravel()[places]
+    values -= np.copysign(threshold, values)
+    ends = np.searchsorted(places, np.arange(len(Z) + 1) * Z.shape[1])
+    indices = places - np.repeat(np.arange(len(Z)) * Z.shape[1], np.diff(ends))
+    return sp.csr_array((values, indices.astype(np.int32), ends), shape=Z.shape)
+
+
+def _leading(rows: Array, tol: float) -> tuple[Array, Array]:
+    """Orthonormal Q (m, k) with |rows - Q Q'rows| <= tol |rows|, and the squares of the singular values kept.
+
+    By the m x m Gram matrix, whose rounding hides what is under 1e-8 of the largest: a smaller tol keeps all.
+    """
+    k, Q = scipy.linalg.eigh(rows @ rows.T, check_finite=False)
+    k = np.maximum(k, 0)
+    start = int(np.searchsorted(np.cumsum(k), tol**2 * k.sum(), side="right")) if tol > 1e-8 else 0
+    return Q[:, start:], k[start:]
+
+
+def implicit_bytes(n_frames: int, n_points: int, n_edges: int, size: int) -> float:
+    """Bytes that the implicit iteration takes at its peak, for numbers of ``size`` bytes.
+
+    As many 3F x P arrays as measured, a hundred bytes and more for each entry of the sparse matrices, and the blocks.
+    How many entries E gets is not known before: ENTRIES a track, which a penalty that is capped does not reach.
+    """
+    width = 1 + n_edges / n_points
+    arrays = (20 if size == 4 else 30) * 3 * n_frames * 8.0
+    entries = ENTRIES * (100 + 4 * size) * width**2
+    return n_points * (arrays + entries) + 8 * width * BLOCK_BYTES

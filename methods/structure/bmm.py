@@ -1,0 +1,199 @@
+"""Single-body non-rigid structure from motion by nuclear-norm minimisation: the block matrix method.
+
+Dai, Li, He, "A simple prior-free method for non-rigid structure-from-motion factorization", CVPR 2012; IJCV 2014.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrsfm.methods.base import (
+    Array,
+    Mask,
+    Method,
+    MethodError,
+    Progress,
+    Reconstruction,
+    check_cameras,
+    check_setting,
+    stage,
+    standardise,
+)
+from nrsfm.methods.gaps import fill, misfit
+from nrsfm.methods.numerics.proximal import singular_value_threshold
+
+
+@dataclass(frozen=True)
+class ShapeFit:
+    """Solution of the shape step, and where its ADMM stands.
+
+    Parameters
+    ----------
+    structure, shape : (F, 3, P) array
+        S and its copy S# of lower rank.
+    multiplier : (F, 3, P) array
+        Of g(S) = S#, at weight 1 of the nuclear norm.
+    penalty : float
+        b, at weight 1 of the nuclear norm.
+    nuclear_norm : float
+    residual : float
+        Relative, at the end.
+    iterations : int
+    """
+
+    structure: Array
+    shape: Array
+    multiplier: Array
+    penalty: float
+    nuclear_norm: float
+    residual: float
+    iterations: int
+
+
+class BMM(Method):
+    """min |S#|_* + 1/(2 l2) |W - R S|^2 with given cameras; l2 = 0 demands R S = W.
+
+    Parameters
+    ----------
+    l2 : float
+        Weight of the nuclear norm against the data term in standardised units; 0 is the noise-free limit.
+    rank : int or None
+        Cut the F x 3P structure to this rank afterwards, as the authors' K.
+    max_iter : int
+    tol : float
+        Stop when the relative primal and dual residuals are below it.
+    """
+
+    provides = frozenset({"structure"})
+
+    def __init__(self, *, l2: float = 0.0, rank: int | None = None, max_iter: int = 6000, tol: float = 1e-4) -> None:
+        self.l2 = l2
+        self.rank = rank
+        self.max_iter = max_iter
+        self.tol = tol
+
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int | None = 1,
+        *,
+        visible: Mask | None = None,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
+        check_setting(self, "l2", 0, strict=False)
+        check_setting(self, "max_iter", 1, strict=False, whole=True)
+        check_setting(self, "tol", 0)
+        if self.rank is not None:
+            check_setting(self, "rank", 1, strict=False, whole=True)
+        check_cameras(cameras, len(tracks))
+        data = standardise(tracks, visible)
+        stage(progress, "structure")
+        fit = fit_shape(data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
+        S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
+        return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Ten arrays of 3F x P, as measured. See :meth:`nrsfm.methods.base.Method.memory`."""
+        return 8.0 * 10 * 3 * n_frames * n_points
+
+
+def fit_shape(
+    W: Array,
+    cameras: Array,
+    l2: float = 0.0,
+    visible: Mask | None = None,
+    *,
+    max_iter: int = 6000,
+    tol: float = 1e-4,
+    penalty: float | None = None,
+    progress: Progress | None = None,
+) -> ShapeFit:
+    """The shape step of the block matrix method, by ADMM on the split S# = g(S).
+
+    With V = S# + Y/b the S-step is S = V + R'(W - R V) / (1 + b l2) because R R' = I; for l2 = 0 it is the projection
+    onto R S = W. Where tracks have gaps, the residual W - R V is :func:`nrsfm.methods.gaps.misfit`: hidden points keep V, and
+    each frame has a translation of its own; both are exact minimisers. The S#-step is a singular value threshold at
+    1/b. One iteration costs a threshold, O(F^2 3P).
+
+    Parameters
+    ----------
+    W : (F, 2, P) array
+        Centred tracks.
+    cameras : (F, 2, 3) array
+    l2 : float
+        Weight of the nuclear norm; the objective is l2 |S#|_* + 1/2 |W - R S|^2, or |S#|_* under R S = W when 0.
+    visible : (F, P) bool array, optional
+        False where a track has a gap; W is 0 there.
+    max_iter, tol
+        Iterations, and the relative size of the primal and dual residuals to stop at.
+    penalty : float, optional
+        Initial b; chosen from the size of the tracks by default, and balanced on the way.
+
+    Returns
+    -------
+    ShapeFit
+
+    Raises
+    ------
+    MethodError
+        If l2 is negative.
+    """
+    if not l2 >= 0:
+        raise MethodError(f"l2 is {l2}, wanted a number >= 0")
+    F, _, P = W.shape
+    Rt = cameras.transpose(0, 2, 1)
+    S = Rt @ W
+    b = penalty or 20.0 / float(np.linalg.norm(S.reshape(F, 3 * P), 2))
+    Z = S.copy()
+    Y = np.zeros_like(S)  # scaled multiplier of g(S) = S#, Y/b
+    size = max(float(np.linalg.norm(W)), float(np.finfo(float).tiny))
+    norm = residual = 0.0
+    iteration = 0
+    for iteration in range(1, max_iter + 1):
+        V = Z + Y
+        S = V + Rt @ misfit(W, cameras @ V, visible) / (1 + b * l2)
+        S_relaxed = 1.6 * S + (1 - 1.6) * Z  # over-relaxation
+        before = Z
+        flat, norm = singular_value_threshold((S_relaxed - Y).reshape(F, 3 * P), 1 / b)
+        Z = flat.reshape(F, 3, P)
+        Y += Z - S_relaxed
+        primal = float(np.linalg.norm(Z - S)) / size
+        dual = float(np.linalg.norm(Z - before)) / size
+        residual = max(primal, dual)
+        if progress is not None:
+            progress(iteration, max_iter, {"primal": primal, "dual": dual})
+        if residual < tol:
+            break
+        if iteration % 10 == 0 and iteration < max_iter // 2:
+            factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
+            b *= factor
+            Y /= factor
+    return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
+
+
+def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None = None) -> Array:
+    """Tracks whose gaps hold what the structure of least nuclear norm shows there (R S = W where visible), centred.
+
+    Tracks without gaps, ``visible`` None, stay as they are.
+    """
+    if visible is None:
+        return tracks
+    data = standardise(tracks, visible)
+    stage(progress, "gaps")
+    fit = fit_shape(data.W, cameras, 0.0, visible, progress=progress)
+    return data.scale * fill(data.W, cameras @ fit.structure, visible)
+
+
+def cut_rank(structure: Array, rank: int) -> Array:
+    """Nearest (F, 3, P) structure with rank(S#) <= K for its F x 3P arrangement S# (Eckart, Young 1936)."""
+    F, _, P = structure.shape
+    if not rank >= 1:
+        raise MethodError(f"rank is {rank}, wanted at least 1")
+    U, s, Vt = np.linalg.svd(structure.reshape(F, 3 * P), full_matrices=False)
+    return ((U[:, :rank] * s[:rank]) @ Vt[:rank]).reshape(F, 3, P)

@@ -1,0 +1,102 @@
+"""Non-rigid structure from motion in trajectory space: every point moves on a few cosines.
+
+Akhter, Sheikh, Khan, Kanade, "Nonrigid structure from motion in trajectory space", NIPS 2008; "Trajectory space: a dual
+representation for nonrigid structure from motion", PAMI 2011.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from nrsfm.methods.base import (
+    Array,
+    Mask,
+    Method,
+    MethodError,
+    Progress,
+    Reconstruction,
+    check_cameras,
+    check_setting,
+    stage,
+    standardise,
+)
+
+
+class PTA(Method):
+    """Point trajectory approach: S# = Theta A, with Theta the first K vectors of the discrete cosine transform.
+
+    Parameters
+    ----------
+    rank : int
+        K, the vectors of the basis; the F x 3P structure S# has this rank. The authors choose it for each sequence.
+    """
+
+    provides = frozenset({"structure"})
+
+    def __init__(self, *, rank: int = 9) -> None:
+        self.rank = rank
+
+    def reconstruct(
+        self,
+        tracks: Array,
+        cameras: Array,
+        n_bodies: int | None = 1,
+        *,
+        visible: Mask | None = None,
+        edges: NDArray[np.int64] | None = None,
+        progress: Progress | None = None,
+    ) -> Reconstruction:
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
+        check_setting(self, "rank", 1, strict=False, whole=True)
+        data = standardise(tracks, visible)
+        check_cameras(cameras, len(data.W))
+        if self.rank > len(data.W):
+            raise MethodError(f"PTA: rank is {self.rank}, but {len(data.W)} frames have as many vectors; lower it")
+        stage(progress, "structure")
+        S = fit_trajectories(data.W, cameras, self.rank, visible)
+        S -= S.mean(axis=2, keepdims=True)  # where there are no gaps it is centred already
+        return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """The structure, the tracks and the matrix of the system. See :meth:`nrsfm.methods.base.Method.memory`."""
+        return 8.0 * (4 * 3 * n_frames * n_points + 4 * 2 * n_frames * 3 * min(self.rank, n_frames))
+
+
+def trajectory_basis(n_frames: int, rank: int) -> Array:
+    """Theta: the first vectors of the discrete cosine transform, (F, K) with orthonormal columns."""
+    return scipy.fft.idct(np.eye(n_frames, rank), axis=0, norm="ortho")
+
+
+def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None = None) -> Array:
+    """min |W - R S| over structures whose trajectories lie on the basis: least squares for each point.
+
+    W = R (Theta x I_3) A = Lambda A, (2F, 3K) times (3K, P), eq. (7) of the conference paper. Of several solutions, as
+    for cameras that move too little, that of the least norm. Where a track has a gap, its rows are left out; the
+    translation of such a frame is the visible points' mean.
+
+    Parameters
+    ----------
+    W : (F, 2, P) array
+        Centred tracks.
+    cameras : (F, 2, 3) array
+    rank : int
+        K, at most F.
+    visible : (F, P) bool array, optional
+
+    Returns
+    -------
+    (F, 3, P) array
+    """
+    F, _, P = W.shape
+    Theta = trajectory_basis(F, rank)
+    Lambda = np.einsum("fij,fk->fikj", cameras, Theta).reshape(2 * F, 3 * rank)
+    if visible is None:
+        A = np.linalg.lstsq(Lambda, W.reshape(2 * F, P), rcond=None)[0]
+    else:
+        A = np.empty((3 * rank, P))
+        for p in range(P):
+            seen = np.repeat(visible[:, p], 2)
+            A[:, p] = np.linalg.lstsq(Lambda[seen], W[:, :, p].reshape(2 * F)[seen], rcond=None)[0]
+    return np.einsum("fk,kjp->fjp", Theta, A.reshape(rank, 3, P))

@@ -1,0 +1,288 @@
+"""Cameras from tracks alone: the rotation step of the block matrix method.
+
+Dai, Li, He, "A simple prior-free method for non-rigid structure-from-motion factorization", CVPR 2012; IJCV 2014.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.optimize import least_squares
+
+from nrsfm.methods.base import Array, MethodError, standardise
+
+#: Weights of the metric constraints to start from: low ones stand noise, high ones bend to an exact subspace.
+WEIGHTS = (1e0, 1e1, 1e3)
+
+
+#: Shapes K of a scene that nothing better is known of.
+RANK = 11
+
+
+#: Where the metric upgrade starts from: the trace-norm program, or the metric upgrade of a rigid scene.
+STARTS = ("trace_norm", "rigid")
+
+
+@dataclass(frozen=True)
+class GramFit:
+    """Gram matrix of the metric upgrade: (n, n) Q, its objective, a lower bound of the optimum, iterations."""
+
+    Q: Array
+    objective: float
+    bound: float
+    iterations: int
+
+    @property
+    def gap(self) -> float:
+        """How far at most the objective is above the optimum, relative to it."""
+        return (self.objective - self.bound) / self.objective
+
+
+def estimate_cameras(tracks: Array, rank: int = RANK, *, start: str = "trace_norm", refine: bool = True) -> Array:
+    """Orthographic cameras of a non-rigid scene, by factorisation to rank 3K and metric upgrade.
+
+    The centred tracks are cut to rank 3K, W = M B with M = U sqrt(D); :func:`metric_upgrade` finds G, and each pair of
+    rows of M G is replaced by the nearest orthonormal pair. Cameras are known up to one orthogonal matrix for the
+    sequence.
+
+    Parameters
+    ----------
+    tracks : (F, 2, P) array
+        At least three frames and four points.
+    rank : int
+        The number of shapes K. Where the tracks have lower rank than 3K, or 3K > 2F/3 (then the 2F constraints no
+        longer determine G), as many columns are kept as these allow.
+    start : {"trace_norm", "rigid"}
+        See :func:`metric_upgrade`.
+    refine : bool
+        Refine the metric upgrade; without it G is where it started.
+
+    Returns
+    -------
+    (F, 2, 3) array
+
+    Raises
+    ------
+    MethodError
+        If the tracks are too few, flat (of rank less than 3), or coincide in a row of a frame; or K < 1; or the start
+        is unknown.
+
+    References
+    ----------
+    Dai, Li, He, IJCV 2014, section 3 (the trace-norm minimisation and its refinement).
+    """
+    M = factor(standardise(tracks).W, rank)
+    G, _ = metric_upgrade(M, start, refine)
+    return orthonormal_rows(M @ G)
+
+
+def factor(W: Array, rank: int) -> Array:
+    """The left factor M = U sqrt(D), (F, 2, n), of centred tracks (F, 2, P) cut to rank n <= 3K.
+
+    Raises
+    ------
+    MethodError
+        As :func:`estimate_cameras`.
+    """
+    F, _, P = W.shape
+    if isinstance(rank, bool) or not isinstance(rank, int | np.integer) or rank < 1:
+        raise MethodError(f"cameras.rank is {rank!r}, wanted a whole number of at least 1")
+    if F < 3 or P < 4:
+        raise MethodError(f"cameras cannot be estimated from {F} frames and {P} tracks; at least 3 and 4 are needed")
+    U, d, _ = np.linalg.svd(W.reshape(2 * F, P), full_matrices=False)
+    n = min(3 * rank, max(3, 2 * F // 3), int((d > 1e-9 * d[0]).sum()))
+    if n < 3:
+        raise MethodError(
+            "cameras cannot be estimated: the tracks have rank less than 3 (a flat scene or a fixed camera)"
+        )
+    M = (U[:, :n] * np.sqrt(d[:n])).reshape(F, 2, n)
+    lengths = np.linalg.norm(M, axis=2)
+    empty = np.flatnonzero((lengths < 1e-9 * lengths.max()).any(axis=1))
+    if len(empty):
+        raise MethodError(f"cameras cannot be estimated: in frame {empty[0]} all tracks have the same x or the same y")
+    return M
+
+
+def metric_upgrade(M: Array, start: str = "trace_norm", refined: bool = True) -> tuple[Array, float]:
+    """G (n, 3) that makes the rows of M G orthogonal and of one length per frame, and the sum of squares that is left.
+
+    From ``trace_norm``, the Gram matrix Q = G G' comes from :func:`fit_gram`, once for every weight of :data:`WEIGHTS`;
+    from ``rigid``, from the first three columns of M alone, as if the scene were rigid. The best factors of rank 3 are
+    refined by :func:`refine`, and the lowest is kept. With several shapes the residual is flat: K triples of columns
+    solve an exact problem, and so does whatever lies between them, so that little separates cameras that are right
+    from cameras that are a few degrees off.
+
+    References
+    ----------
+    Dai, Li, He, IJCV 2014, section 3; for a rigid scene, Tomasi, Kanade, "Shape and motion from image streams under
+    orthography: a factorization method", IJCV 1992, section 3.
+    """
+    if start not in STARTS:
+        raise MethodError(f"cameras.start is {start!r}, wanted one of {', '.join(STARTS)}")
+    if not isinstance(refined, bool):
+        raise MethodError(f"cameras.refine is {refined!r}, wanted true or false")
+    if start == "rigid":
+        starts = [np.pad(_rank_three(fit_gram(M[:, :, :3]).Q), ((0, M.shape[2] - 3), (0, 0)))]
+    else:
+        starts = [_rank_three(fit_gram(M, weight).Q) for weight in WEIGHTS]
+    upgrades = [refine(M, G) if refined else (G, float(np.sum(residuals(M, G) ** 2))) for G in starts]
+    return min(upgrades, key=lambda found: found[1])
+
+
+def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float = 1e-5) -> GramFit:
+    """The Gram matrix of least trace that meets the metric constraints as well as the tracks allow, by ADMM.
+
+        min  tr(Q) / t + w / 2F  sum_f (m1 Q m1' - m2 Q m2')^2 + (2 m1 Q m2')^2
+        s.t. Q positive semidefinite,  sum_f m1 Q m1' + m2 Q m2' = 2F
+
+    with rows m1, m2 of M in frame f, and t the trace of the multiple of I that meets the last constraint. Real tracks
+    are only nearly of rank 3K, so that no Q meets every constraint; w -> infinity is the constrained problem. The
+    side condition does not depend on the basis of M (a change M T and T^-1 Q T^-1' leaves it as it is); the trace
+    does, and is meant for M = U sqrt(D).
+
+    Steps on the split x = z, svec(Q) in R^(n(n+1)/2): a linear solve in the eigenvectors of A'A, made once, and
+    the projection onto the semidefinite cone. For any vector r, with C = I/t + (w/F) sum_i r_i A_i,
+
+        2F lambda_min(C, M'M) - w |r|^2 / 2F  <=  the optimum,
+
+    because the square is convex; r = A x makes it tight. The iteration stops when that bound proves the objective.
+
+    Parameters
+    ----------
+    M : (F, 2, n) array
+    weight : float
+        w, without unit.
+    max_iter : int
+    tol : float
+        Relative gap between objective and bound to stop at.
+
+    Returns
+    -------
+    GramFit
+        Q is feasible exactly.
+
+    References
+    ----------
+    Dai, Li, He, IJCV 2014, section 3; Boyd, Parikh, Chu, Peleato, Eckstein, "Distributed optimization and statistical
+    learning via the alternating direction method of multipliers", 2011, section 3.
+    """
+    F, _, n = M.shape
+    A = constraints(M)
+    H = np.einsum("fri,frj->ij", M, M)
+    t = 2 * F * n / float(np.trace(H))
+    e, V = np.linalg.eigh(A.T @ A)
+    e = weight / F * np.maximum(e, 0)
+    trace, h = svec(np.eye(n)) @ V / t, svec(H) @ V
+    z = h * (2 * F / (h @ h))
+    u = np.zeros_like(z)
+    b = float(np.linalg.norm(trace) / np.linalg.norm(z))
+    fit = GramFit(np.eye(n), np.inf, -np.inf, 0)
+    for iteration in range(1, max_iter + 1):
+        inverse = 1 / (e + b)
+        x = inverse * (b * (z - u) - trace)
+        x += inverse * h * ((2 * F - h @ x) / (h @ (inverse * h)))
+        relaxed, before = 1.6 * x + (1 - 1.6) * z, z
+        Z = _project(smat(V @ (relaxed + u), n))
+        z = svec(Z) @ V
+        u += relaxed - z
+        if iteration % 10 == 0:
+            q = z * (2 * F / (h @ z))
+            C = smat(V @ (trace + e * x), n)
+            lowest = eigh(C, H, eigvals_only=True, subset_by_index=[0, 0])[0]
+            objective = float(trace @ q + 0.5 * (e * q) @ q)
+            bound = max(fit.bound, 2 * F * float(lowest) - float(0.5 * (e * x) @ x))
+            fit = GramFit(Z * (2 * F / (h @ z)), objective, bound, iteration)
+            if fit.gap < tol:
+                break
+            primal = float(np.linalg.norm(x - z) / np.linalg.norm(z))
+            dual = float(b * np.linalg.norm(z - before) / np.linalg.norm(trace))
+            if iteration < max_iter // 2:
+                change = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
+                b *= change
+                u /= change
+    return fit
+
+
+def constraints(M: Array) -> Array:
+    """Rows A with A svec(Q) = (m1 Q m1' - m2 Q m2', 2 m1 Q m2'): (2F, n(n+1)/2) from (F, 2, n)."""
+    m1, m2 = M[:, 0], M[:, 1]
+    i, j = np.triu_indices(M.shape[2])
+    scale = np.where(i == j, 1.0, np.sqrt(2.0))
+    between = m1[:, i] * m2[:, j] + m1[:, j] * m2[:, i]
+    return np.concatenate([m1[:, i] * m1[:, j] - m2[:, i] * m2[:, j], between]) * scale
+
+
+def svec(Q: Array) -> Array:
+    """The upper triangle of a symmetric matrix, off-diagonals times sqrt 2: inner products stay what they are."""
+    i, j = np.triu_indices(len(Q))
+    return Q[i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+def smat(q: Array, n: int) -> Array:
+    """The symmetric (n, n) matrix of :func:`svec`."""
+    i, j = np.triu_indices(n)
+    Q = np.zeros((n, n))
+    Q[i, j] = Q[j, i] = q / np.where(i == j, 1.0, np.sqrt(2.0))
+    return Q
+
+
+def refine(M: Array, G: Array, max_evaluations: int = 100) -> tuple[Array, float]:
+    """Refine an (n, 3) factor by least squares on :func:`residuals`; returns it with the sum of squares."""
+    shape = G.shape
+    found = least_squares(
+        lambda g: residuals(M, g.reshape(shape)),
+        G.ravel(),
+        jac=lambda g: jacobian(M, g.reshape(shape)),
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+        gtol=1e-15,
+        max_nfev=max_evaluations,
+    )
+    return found.x.reshape(shape), 2 * float(found.cost)
+
+
+def residuals(M: Array, G: Array) -> Array:
+    """1 - |b|^2/|a|^2 of all frames, then 2 a.b/|a|^2, with a = m1 G, b = m2 G: (2F,) from (F, 2, n) and (n, 3).
+
+    They do not see the scale of a frame, so that every frame counts alike.
+    """
+    a, b = (M @ G).transpose(1, 0, 2)
+    aa = (a * a).sum(axis=1)
+    return np.concatenate([1 - (b * b).sum(axis=1) / aa, 2 * (a * b).sum(axis=1) / aa])
+
+
+def jacobian(M: Array, G: Array) -> Array:
+    """Derivatives of :func:`residuals` by the entries of G, row by row: (2F, 3n)."""
+    a, b = (M @ G).transpose(1, 0, 2)
+    aa, bb, ab = ((x * y).sum(axis=1, keepdims=True) for x, y in ((a, a), (b, b), (a, b)))
+    by_a = np.concatenate([2 * bb / aa**2 * a, 2 / aa * b - 4 * ab / aa**2 * a])
+    by_b = np.concatenate([-2 / aa * b, 2 / aa * a])
+    m1, m2 = (np.tile(M[:, row], (2, 1)) for row in (0, 1))
+    return (m1[:, :, None] * by_a[:, None] + m2[:, :, None] * by_b[:, None]).reshape(len(m1), -1)
+
+
+def orthonormal_rows(A: Array) -> Array:
+    """Nearest pairs of orthonormal rows to (F, 2, 3) matrices, each frame's sign following the frame before.
+
+    A pair and its negative explain the same motion of the rows; the one nearer to the frame before is kept.
+    """
+    U, _, Vt = np.linalg.svd(A, full_matrices=False)
+    R = U @ Vt
+    agreement = np.einsum("fij,fij->f", R[1:], R[:-1])
+    R[1:] *= np.cumprod(np.where(agreement < 0, -1.0, 1.0))[:, None, None]
+    return R
+
+
+def _project(Q: Array) -> Array:
+    """Nearest positive semidefinite matrix."""
+    w, V = np.linalg.eigh(Q)
+    return (V * np.maximum(w, 0)) @ V.T
+
+
+def _rank_three(Q: Array) -> Array:
+    """G (n, 3) with G G' the best approximation of Q of rank 3; columns that vanish get a thousandth of the first."""
+    w, V = np.linalg.eigh(Q)
+    return V[:, -3:] * np.sqrt(np.maximum(w[-3:], 1e-6 * w[-1]))

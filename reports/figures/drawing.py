@@ -1,0 +1,72 @@
+"""Charts as figures of matplotlib, for svg, pdf and png."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from nrsfm.reports.figures.charts import Chart, Panel
+from nrsfm.reports.figures.style import COLOURS, look
+
+ACROSS = 4
+"""Panels side by side at most."""
+
+
+def chart_figure(chart: Chart) -> Figure:
+    """All panels of a chart, one legend below them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    n = len(chart.panels)
+    across = min(ACROSS, n)
+    down = -(-n // across)
+    square = any(panel.matrix is not None for panel in chart.panels)
+    figure = Figure(figsize=(3.3 * across + 0.4, (3.1 if square else 2.6) * down + 0.9), layout="constrained")
+    entries: dict[str, Any] = {}
+    for i, panel in enumerate(chart.panels):
+        axes = figure.add_subplot(down, across, i + 1)
+        _panel(axes, panel)
+        handles, labels = axes.get_legend_handles_labels()
+        entries |= dict(zip(labels, handles, strict=True))
+    figure.suptitle(chart.title, fontsize=12)
+    if len(entries) > 1:
+        widest = 0.085 * max(map(len, entries)) + 0.65  # inches
+        columns = max(1, min(len(entries), int(figure.get_figwidth() / widest)))
+        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, fontsize=9)
+    return figure
+
+
+def _panel(axes: Axes, panel: Panel) -> None:
+    axes.set_title(panel.title, fontsize=9.5)
+    axes.set_xlabel(panel.x, fontsize=9)
+    axes.set_ylabel(panel.y, fontsize=9)
+    axes.tick_params(labelsize=8)
+    if panel.matrix is not None:
+        axes.imshow(panel.matrix, cmap="Greys", interpolation="nearest")
+        for edge in panel.edges:
+            axes.axhline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+            axes.axvline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+        return
+    for series in panel.series:
+        style = look(series.place)
+        x, y = np.array(series.x), np.array(series.y)
+        marker = style.marker if series.scatter or len(x) < 30 else ""
+        line = "" if series.scatter else style.line
+        axes.plot(
+            x, y, color=style.colour, marker=marker, linestyle=line, markersize=4.5, linewidth=1.4, label=series.label
+        )
+        if series.spread:
+            spread = np.array(series.spread)
+            axes.fill_between(x, np.maximum(y - spread, 0), y + spread, color=style.colour, alpha=0.18, linewidth=0)
+    if panel.log_x:
+        axes.set_xscale("log")
+    if panel.log_y:
+        axes.set_yscale("log")
+    elif panel.series:
+        axes.set_ylim(bottom=0)
+    axes.grid(color="#dddddd", linewidth=0.6)

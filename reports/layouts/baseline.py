@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from nrsfm.harness.gate.baseline import Baseline, Blessed
+from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.reports.layouts.layout import Metric
+from nrsfm.reports.layouts.paper import LAYOUTS
+
+
+def published(outcomes: Sequence[Outcome]) -> Baseline:
+    """The paper's numbers for the outcomes that have any, as a baseline of real data without noise.
+
+    A share of wrong tracks becomes a count of the outcome's tracks, and the published e_3d is held against
+    e_3d_dai, which it follows.
+    """
+    rows: dict[Any, Blessed] = {}
+    for outcome in outcomes:
+        row = replace(Blessed.of([outcome]), stand_in=False, status=OK, trials=())
+        if outcome.level or outcome.gaps or row.key in rows:
+            continue
+        metrics: dict[str, float] = {}
+        points = outcome.n_points
+        asked = outcome.parameters | {"method": {"name": outcome.method}, "cameras": {"source": outcome.cameras}}
+        for design in (layout for layout in LAYOUTS.values() if not layout.study):
+            points = design.published_points(outcome.dataset) or points
+            method = design.method(asked)
+            for metric in method.metrics or design.metrics:
+                text = design.printed(outcome.dataset, method, metric)
+                if text is not None and (not metric.counts or points):
+                    name, value = _published(metric, float(text), points or 0)
+                    metrics.setdefault(name, value)
+        if metrics:
+            rows[row.key] = replace(row, n_points=points, metrics=metrics, spreads={})
+    return Baseline("published numbers", "", tuple(rows.values()))
+
+
+def _published(metric: Metric, value: float, points: int) -> tuple[str, float]:
+    return (metric.counts, float(wrong_tracks(value, points))) if metric.counts else (metric.logged, value)
+
+
+def wrong_tracks(share: float, points: int) -> int:
+    """The count behind a printed share of wrong tracks: .025 of 116 is 3."""
+    return round(share * points)

@@ -1,0 +1,269 @@
+"""From trials and the runs that answer them to one table: published beside measured, with a verdict each.
+
+No error is computed here: numbers are logged metrics, their means over repeats, and their distance from the
+published ones.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.outcome import ABSENT, OK
+from nrsfm.harness.record.text import number, one_line
+from nrsfm.harness.record.tracked import Answer, Tracked
+from nrsfm.reports.layouts.baseline import wrong_tracks
+from nrsfm.reports.layouts.layout import DISTANCES, MEANS, Layout, Method, Metric
+from nrsfm.reports.layouts.paper import LABELS, layout
+from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
+from nrsfm.reports.tables.model import Cell, Column, Row, Run, Setting, Table, Verdict
+from nrsfm.reports.tables.remarks import remarks
+from nrsfm.reports.tables.significance import paired_tests
+
+
+def build(name: str, answers: Sequence[Answer], design: Layout | None = None) -> Table:
+    """The table of an experiment.
+
+    Parameters
+    ----------
+    name : str
+        The experiment: picks the layout, and is the stem of the table's files.
+    answers : sequence of (Trial, Tracked or None)
+        What was asked, and the run that answers it; None if none does.
+    design : Layout, optional
+        Takes the place of the experiment's own layout.
+
+    Returns
+    -------
+    Table
+        The paper's rows in its order, asked for or not, then the others. Methods without a column of their own
+        get one on the right.
+
+    Raises
+    ------
+    UsageError
+        If the name cannot be a file's.
+    """
+    if not name or not name.replace("_", "").replace("-", "").isalnum():
+        raise UsageError(f"table name {one_line(name)!r} holds more than letters, digits, - and _")
+    design = design or layout(name)
+    sorted_answers = grid(answers, design)
+    places = _columns(design, sorted_answers)
+    columns = tuple(column for _, column in places)
+    rows = tuple(_row(design, places, sorted_answers, key) for key in sorted_answers.rows)
+    notes = remarks(design, columns, rows, sorted_answers)
+    means = () if design.pools else _means(rows, columns)
+    parts = build(name, answers, design.parts) if design.parts else None
+    tests = () if design.pools or design.study else paired_tests(columns, rows)
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study, tests)
+
+
+Place = tuple[Method, Column]
+
+
+def _columns(design: Layout, answers: Grid) -> list[Place]:
+    """The paper's columns always; the audit's, and methods that no layout foresaw, where they were asked for."""
+    asked = {method.key for method in answers.methods}
+    methods = [method for method in design.methods if method.heading or method.key in asked]
+    methods += [method for method in answers.methods if method not in methods]
+    return [
+        (method, Column(method.key, method.label or LABELS.get(method.name, method.name), method.heading, metric))
+        for method in methods
+        for metric in method.metrics or design.metrics
+    ]
+
+
+def _row(design: Layout, places: Sequence[Place], answers: Grid, key: RowKey) -> Row:
+    label = design.label(key.dataset) or key.setting.unusual or "as by default"
+    differing = _differing(answers.settings)
+    if differing and design.label(key.dataset):
+        label += f", {key.setting.words(differing)}"
+    if key.stand_in:
+        label += " (stand-in)"
+    cells = [_cell(design, *place, key, answers.rows[key].get(place[0].key, [])) for place in places]
+    marked = _mark(tuple(column for _, column in places), cells)
+    return Row(key.dataset, label, key.setting, key.stand_in, key.dataset in design.datasets, marked)
+
+
+def _differing(settings: Iterable[Setting]) -> tuple[str, ...]:
+    """The fields in which some settings are not all alike."""
+    found = list(settings)
+    return tuple(name for name in Setting.__match_args__ if len({getattr(s, name) for s in found}) > 1)
+
+
+def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
+    metric, pool = column.metric, design.pools.get(key.dataset)
+    published = None if metric.pool in DISTANCES else design.printed(key.dataset, method, metric)
+    blank = Cell(published=published, stand_in=key.stand_in, digits=metric.digits)
+    if not answers:
+        return replace(blank, reason="not asked")
+    groups = repeats(answers, pooled=pool is not None)
+    group = groups[0]
+    runs = [run for _, run in group if run is not None]
+    if pool is None:
+        blank = replace(blank, runs=tuple(Run.at(r.uri, r.run_id, r.outcome.key) for r in runs))
+    if len(groups) > 1:
+        return replace(blank, runs=(), reason=f"{len(groups)} settings of this method were asked; a cell holds one")
+    values = [
+        r.outcome.metrics[metric.logged] for r in runs if r.outcome.status == OK and metric.logged in r.outcome.metrics
+    ]
+    missing = next(filter(None, (_missing(run, metric) for _, run in group)), "")
+    if not values:
+        return replace(blank, beside=_mean(runs, metric.beside), reason=missing)
+    if metric.pool in DISTANCES:
+        return _distance_cell(blank, design, method, metric, group, key)
+    points = {r.outcome.n_points for r in runs if r.outcome.status == OK}
+    middle = MEANS[metric.pool or "mean"](values)
+    cell = replace(
+        blank,
+        measured=100 * middle if metric.percent else middle,
+        std=statistics.stdev(values) if len(values) > 1 and pool is None else None,
+        count=len(values),
+        beside=_mean(runs, metric.beside),
+        wrong=_mean(runs, metric.counts),
+        points=points.pop() if len(points) == 1 else None,
+    )
+    if key.setting.scene and not design.study:
+        missing = f"another scene than the published one: {key.setting.scene}"
+    if len(values) < len(group):
+        missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"
+    elif pool and (asked := len({trial.dataset["name"] for trial, _ in group})) < len(pool.datasets):
+        missing = f"over {asked} of {len(pool.datasets)} datasets"
+    return _judge(cell, metric, key.setting, design.published_points(key.dataset), missing)
+
+
+def _distance_cell(
+    blank: Cell, design: Layout, method: Method, metric: Metric, group: Sequence[Answer], key: RowKey
+) -> Cell:
+    """How far the runs of a pool are from what is printed for each of its datasets."""
+    pairs: list[tuple[float, float]] = []
+    for trial, run in group:
+        printed = design.printed(trial.dataset["name"], method, metric)
+        if run is None or printed is None or metric.logged not in run.outcome.metrics:
+            continue
+        counted = run.outcome.metrics.get(metric.counts)
+        if counted is None:
+            pairs.append((run.outcome.metrics[metric.logged], float(printed)))
+        else:
+            pairs.append((counted, wrong_tracks(float(printed), run.outcome.n_points or 0)))
+    if blank.stand_in:
+        return replace(blank, reason="generated data, of which nothing is published")
+    whole = len(design.pools[key.dataset].datasets) if key.dataset in design.pools else 1
+    if len(pairs) < whole:
+        return replace(blank, reason=f"{len(pairs)} of {whole} datasets have a number and a published one")
+    return replace(blank, measured=DISTANCES[metric.pool].of(pairs), count=whole, reason=f"over {whole} datasets")
+
+
+def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int | None, missing: str) -> Cell:
+    """Set the verdict, or the reason why there is none."""
+    if cell.stand_in:
+        return replace(cell, verdict=Verdict.STAND_IN, reason=missing)
+    if missing:
+        return replace(cell, reason=missing)
+    if cell.published is None:
+        return replace(cell, reason="no published number")
+    if setting.level:
+        return replace(cell, reason="noise added; the published number is without")
+    if setting.gaps:
+        return replace(cell, reason="observations dropped; the published number is without")
+    if metric.counts and (cell.wrong is None or not cell.points):
+        return replace(cell, reason=f"{metric.counts} or n_points not logged")
+    if published_points and cell.points and cell.points != published_points:
+        return replace(cell, reason=f"measured on {cell.points} tracks, published on {published_points}")
+    distance, scale = _distance(cell, metric)
+    slack = metric.tolerance * scale + 1e-12
+    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if distance > 0 else Verdict.BETTER
+    return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
+
+
+def _distance(cell: Cell, metric: Metric) -> tuple[float, float]:
+    """Measured minus published, and the unit of its tolerance: a track, a point, or the published number itself."""
+    published = float(cell.published or 0)
+    if metric.counts:
+        return (cell.wrong or 0.0) - wrong_tracks(published, cell.points or 0), 1.0
+    return (cell.measured or 0.0) - published, 1.0 if metric.percent else published
+
+
+def _missing(run: Tracked | None, metric: Metric) -> str:
+    """Why a run gives no number; "" if it does."""
+    if run is None:
+        return "not run"
+    outcome = run.outcome
+    if outcome.status == ABSENT:
+        return ABSENT
+    if outcome.status != OK:
+        error = one_line(outcome.error)
+        return f"{outcome.status}: {error}" if error else outcome.status
+    if metric.logged in outcome.metrics:
+        return ""
+    return f"{metric.logged} not logged" if metric.beside in outcome.metrics else metric.absent
+
+
+def _mean(runs: Sequence[Tracked], name: str) -> float | None:
+    values = [r.outcome.metrics[name] for r in runs if r.outcome.status == OK and name in r.outcome.metrics]
+    return statistics.fmean(values) if values else None
+
+
+def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
+    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best.
+
+    Distances from print rank the rows, so that no column of a row is marked.
+    """
+    marked = list(cells)
+    for metric in dict.fromkeys(column.metric for column in columns if column.metric.pool not in DISTANCES):
+        places = [i for i, column in enumerate(columns) if column.metric == metric]
+        for best in _lowest(cells, places):
+            marked[best] = replace(marked[best], best=True)
+        for best in _lowest(cells, [i for i in places if columns[i].heading]):
+            marked[best] = replace(marked[best], best_printed=True)
+    return tuple(marked)
+
+
+def _lowest(cells: Sequence[Cell], places: Sequence[int]) -> list[int]:
+    values = {i: round(cell.measured, cell.digits) for i in places if (cell := cells[i]).measured is not None}
+    return [i for i, value in values.items() if value == min(values.values())] if len(values) > 1 else []
+
+
+def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...]:
+    """A row of column means for each kind of data and setting.
+
+    Taken over the rows that every measured column has a number on, so that columns compare; two rows at least.
+    """
+    kinds: dict[tuple[bool, Setting], list[Row]] = {}
+    for row in rows:
+        kinds.setdefault((row.stand_in, row.setting), []).append(row)
+    means = []
+    for (stand_in, setting), members in kinds.items():
+        used = [i for i in range(len(columns)) if any(row.cells[i].measured is not None for row in members)]
+        common = [row for row in members if all(row.cells[i].measured is not None for i in used)]
+        if not used or len(common) < 2:
+            continue
+        cells = tuple(_mean_cell([row.cells[i] for row in common], stand_in) for i in range(len(columns)))
+        label = "Mean" if len(common) == len(members) else f"Mean ({len(common)} of {len(members)} rows)"
+        differing = _differing(s for _, s in kinds)
+        label += f", {setting.words(differing)}" if differing else ""
+        means.append(Row("mean", label + " (stand-in)" * stand_in, setting, stand_in, False, cells))
+    return tuple(means)
+
+
+def _mean_cell(cells: Sequence[Cell], stand_in: bool) -> Cell:
+    measured = [cell.measured for cell in cells if cell.measured is not None]
+    if not measured:
+        return Cell(reason="no row measured", stand_in=stand_in)
+    published = [float(cell.published) for cell in cells if cell.published is not None]
+    beside = [cell.beside for cell in cells if cell.beside is not None]
+    wrong = [cell.wrong for cell in cells if cell.wrong is not None]
+    points = [cell.points for cell in cells if cell.points is not None]
+    whole = len(cells)
+    return Cell(
+        published=number(statistics.fmean(published)) if len(published) == whole and not stand_in else None,
+        measured=statistics.fmean(measured),
+        count=whole,
+        beside=statistics.fmean(beside) if len(beside) == whole else None,
+        wrong=sum(wrong) if len(wrong) == whole else None,
+        points=sum(points) if len(points) == whole else None,
+        reason=f"over {whole} rows",
+        stand_in=stand_in,
+    )

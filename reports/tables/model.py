@@ -1,0 +1,322 @@
+"""The one table model. Every format is written from it and nothing else."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from urllib.parse import quote, urlsplit, urlunsplit
+
+from nrsfm.harness.record.text import DIGITS, one_line
+from nrsfm.reports.layouts.layout import Metric
+
+
+class Verdict(StrEnum):
+    """What a measured number says about the published one. Better and worse are both not reproduced."""
+
+    REPRODUCED = "reproduced"
+    BETTER = "better"
+    WORSE = "worse"
+    NONE = "n/a"
+    STAND_IN = "stand-in"
+
+    @property
+    def text(self) -> str:
+        return f"not reproduced ({self})" if self in (Verdict.BETTER, Verdict.WORSE) else str(self)
+
+    @property
+    def symbol(self) -> str:
+        """Errors: an arrow down is an error below the published one."""
+        return {"reproduced": "✓", "better": "↓", "worse": "↑", "stand-in": "◇"}.get(self, "○")
+
+
+LEGEND = ", ".join(f"{v.symbol} {v.text}" for v in Verdict)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the rows of one table share, or else differ in.
+
+    Parameters
+    ----------
+    cameras, placement, motion : str
+        The scene's choices; "" where columns differ in them.
+    scene : str
+        Whatever else of the scene is not as it is by default.
+    level : float
+        Noise, as a share of the largest image coordinate.
+    gaps : str
+        Observations dropped: kind and share.
+    bodies : int, "auto" or None
+        Clusters asked for, where that is not the scene's number.
+    """
+
+    cameras: str = "known"
+    placement: str = "paper"
+    motion: str = "registered"
+    scene: str = ""
+    level: float = 0.0
+    gaps: str = ""
+    bodies: int | str | None = None
+
+    def words(self, names: tuple[str, ...] = ()) -> str:
+        """``cameras known, placement paper, ...``; all of it, or the named fields."""
+        said = []
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if names and f.name not in names:
+                continue
+            if f.name == "level":
+                said.append(f"noise {value:g}" if value else "no noise")
+            elif f.name == "gaps" and names and not value:
+                said.append("no gaps")
+            elif value not in (None, ""):
+                said.append(value if f.name == "scene" else f"{f.name} {value}")
+        return ", ".join(said)
+
+    @property
+    def unusual(self) -> str:
+        """:meth:`words` of what is not as it is by default."""
+        names = tuple(f.name for f in fields(self) if getattr(self, f.name) not in (f.default, ""))
+        return self.words(names) if names else ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Where a number comes from: the tracker's run, the trial, and the run's address on a tracking server."""
+
+    run_id: str
+    trial_key: str
+    link: str = ""
+
+    @classmethod
+    def at(cls, uri: str, run_id: str, trial_key: str) -> Run:
+        """A run in the store at ``uri``; only a server's address makes a link, and never with its password."""
+        run_id, trial_key = one_line(run_id), one_line(trial_key)
+        try:
+            parts = urlsplit(uri)
+        except ValueError:
+            return cls(run_id, trial_key)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            return cls(run_id, trial_key)
+        home = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
+        return cls(run_id, trial_key, f"{home}/#/runs/{quote(run_id, safe='')}")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method's answer to one metric on one row.
+
+    Parameters
+    ----------
+    published : str or None
+        As printed; in rows of means, the mean of the printed numbers.
+    measured, std, count : float, float, int
+        Mean of the runs, their sample standard deviation (two runs and more) and their number.
+    beside : float or None
+        The metric's second measured number.
+    wrong, points : float, int
+        Wrong tracks, of how many.
+    difference : float or None
+        Measured minus published, in the metric's unit.
+    verdict, reason : Verdict, str
+        The reason says why there is no number, or why there is no verdict.
+    best, best_printed : bool
+        Lowest of the row, ties too: among all columns, and among the paper's.
+    stand_in : bool
+        Measured on generated data.
+    runs : tuple of Run
+        The runs that answer; in rows that pool datasets they stand with the table's parts.
+    digits : int
+        Decimals that are printed.
+    """
+
+    published: str | None = None
+    measured: float | None = None
+    std: float | None = None
+    count: int = 0
+    beside: float | None = None
+    wrong: float | None = None
+    points: int | None = None
+    difference: float | None = None
+    verdict: Verdict = Verdict.NONE
+    reason: str = ""
+    best: bool = False
+    best_printed: bool = False
+    stand_in: bool = False
+    runs: tuple[Run, ...] = ()
+    digits: int = DIGITS
+
+
+@dataclass(frozen=True)
+class Column:
+    """One metric of one method, by its key in the layout. ``heading`` is its LaTeX head in the paper's table, or ""."""
+
+    method: str
+    label: str
+    heading: str
+    metric: Metric
+
+
+@dataclass(frozen=True)
+class Row:
+    """One dataset under one setting; ``cells`` run parallel to the table's columns."""
+
+    dataset: str
+    label: str
+    setting: Setting
+    stand_in: bool
+    printed: bool
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A line under the table. Loud ones change what the numbers mean and stand on top."""
+
+    text: str
+    loud: bool = False
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test.
+
+    Parameters
+    ----------
+    method, label, metric : str
+        The other method and the error compared.
+    setting : str
+        What the rows share, where the table holds several settings.
+    rows, better, worse : int
+        Rows compared, and on how many ours is lower and higher.
+    median : float
+        Of ours minus the other, in the table's numbers.
+    p, corrected : float
+        Two-sided, and corrected for the other tests of the same metric and setting.
+    """
+
+    method: str
+    label: str
+    metric: str
+    setting: str
+    rows: int
+    better: int
+    worse: int
+    median: float
+    p: float
+    corrected: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """``e_MS, ours against EDSC: lower on 6 of 8, higher on 0, median difference -0.1250, p = 0.031, ...``."""
+        where = f", {self.setting}" if self.setting else ""
+        return (
+            f"{self.metric}{where}, ours against {self.label}: lower on {self.better} of {self.rows}, higher on "
+            f"{self.worse}, median difference {self.median:+.4f}, p = {self.p:.2g}, corrected {self.corrected:.2g}"
+        )
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with everything that any of its formats shows.
+
+    Parameters
+    ----------
+    name : str
+        Stem of its files.
+    title, caption : str
+        Plain text.
+    columns, rows : tuple
+        ``rows[i].cells[j]`` belongs to ``columns[j]``.
+    means : tuple of Row
+        Column means, one row for each kind of data and setting.
+    notes : tuple of Note
+        Loud ones first.
+    parts : Table or None
+        Where rows pool datasets: the same answers with a row for each dataset.
+    study : bool
+        Of candidates, which claim nothing.
+    tests : tuple of Paired
+        Ours against each method over the rows.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    means: tuple[Row, ...]
+    notes: tuple[Note, ...]
+    parts: Table | None = None
+    study: bool = False
+    tests: tuple[Paired, ...] = ()
+
+    @property
+    def layers(self) -> tuple[Table, ...]:
+        """The table and, where its rows pool datasets, its parts."""
+        return (self, self.parts) if self.parts else (self,)
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        return tuple(dict.fromkeys(column.metric for column in self.columns))
+
+    @property
+    def methods(self) -> Mapping[str, tuple[Column, ...]]:
+        """The columns of every method, left to right."""
+        found: dict[str, tuple[Column, ...]] = {}
+        for column in self.columns:
+            found[column.method] = (*found.get(column.method, ()), column)
+        return found
+
+    @property
+    def printed(self) -> bool:
+        """Whether a paper prints this table, in columns of its own."""
+        return any(column.heading for column in self.columns)
+
+    @property
+    def loud(self) -> tuple[str, ...]:
+        return tuple(note.text for note in self.notes if note.loud)
+
+    def cells(self) -> Iterator[tuple[Row, Column, Cell]]:
+        """Every cell, row by row, without the means."""
+        for row in self.rows:
+            for column, cell in zip(self.columns, row.cells, strict=True):
+                yield row, column, cell
+
+    @property
+    def verdicts(self) -> Counter[Verdict]:
+        """How many cells got which verdict."""
+        return Counter(cell.verdict for _, _, cell in self.cells())
+
+    @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """Published numbers: all, reproduced, better, worse, not judged."""
+        verdicts = self.verdicts
+        judged = tuple(verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        return (self.published, *judged, self.published - sum(judged))  # type: ignore[return-value]
+
+    @property
+    def published(self) -> int:
+        """How many published numbers there are to compare with."""
+        return sum(cell.published is not None for _, _, cell in self.cells())
+
+    @property
+    def summary(self) -> str:
+        """One line: how many of the published numbers were reproduced, and what became of the others."""
+        cells = [cell for _, _, cell in self.cells()]
+        printed, reproduced, better, worse, rest = self.counts
+        said = [
+            f"{reproduced} of {printed} published numbers reproduced",
+            f"{better + worse} not ({better} better, {worse} worse)",
+            f"{rest} not judged",
+        ]
+        if self.study and printed:
+            said = [f"{reproduced} of {printed} candidates' numbers as published"]
+        elif not printed:
+            said = ["no published numbers"]
+        said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
+        if stand_ins := sum(cell.stand_in and cell.measured is not None for cell in cells):
+            said.append(f"{stand_ins} of them on stand-ins and not compared")
+        return f"{self.title}: " + ", ".join(said) + "."

@@ -1,0 +1,161 @@
+"""The notes under a table: its setting, what its columns mean, and whatever changes how to read its numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from nrsfm.harness.record.environment import COMPUTES, MACHINE, STATE
+from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
+from nrsfm.harness.record.text import one_line
+from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.layouts.layout import DISTANCES, Layout, Metric
+from nrsfm.reports.tables.grid import Grid
+from nrsfm.reports.tables.model import Column, Note, Row
+
+NOT_SETTINGS = ("name", "bodies", "scene", "file", "placement", "motion", "repeat", "level", "source")
+"""Keys of a configuration that stand elsewhere in the table, or only say where data lies."""
+
+
+STAND_IN = (
+    "Rows marked (stand-in): procedural stand-in: the real sequence was not found. They are measured on generated "
+    "data, get no verdict and say nothing about the published numbers beside them."
+)
+
+
+def remarks(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], answers: Grid) -> tuple[Note, ...]:
+    """All notes of a table, loud ones first."""
+    notes = [*_warnings(design, columns, rows, answers), *_settings(answers), *_methods(columns, answers)]
+    metrics = dict.fromkeys(column.metric for column in columns)
+    meanings = (text for metric in metrics for text in _meaning(metric, bool(design.source)))
+    notes += [Note(text) for text in dict.fromkeys(meanings)]
+    notes.append(Note("Bold: the lowest of its row as printed, ties too."))
+    if any(cell.std is not None for row in rows for cell in row.cells):
+        notes.append(Note("Repeated runs: mean ± sample standard deviation, × their number."))
+    notes += [Note(text) for text in design.notes]
+    return tuple(sorted(notes, key=lambda note: not note.loud))
+
+
+def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], answers: Grid) -> Iterator[Note]:
+    if any(row.stand_in for row in rows):
+        yield Note(STAND_IN, loud=True)
+    runs = [run.outcome for cells in answers.rows.values() for group in cells.values() for _, run in group if run]
+    for error in dict.fromkeys(outcome.error for outcome in runs if outcome.status == ABSENT):
+        yield Note(f"Absent: {one_line(error, 300)}.", loud=True)
+    if len(answers.settings) > 1:
+        yield Note(
+            "The rows are not all measured under one setting; each names its own.",
+            loud=bool(design.source) and not design.study,
+        )
+    yield from _environments({outcome.key: outcome for outcome in runs if outcome.status == OK})
+    alike: dict[str, list[str]] = {}
+    for method, label in dict.fromkeys((column.method, column.label) for column in columns):
+        if said := _differing([(row.label, _flat(t.method)) for row, t in _asked(rows, answers, method)]):
+            alike.setdefault("; ".join(said), []).append(label)
+    for settings, labels in alike.items():
+        yield Note(f"{'; '.join(labels)}: NOT ONE SETTING FOR ALL ROWS: {settings}.", loud=True)
+
+
+def _environments(runs: Mapping[str, Outcome]) -> Iterator[Note]:
+    """What of their environments runs differ in; what a record does not say is no difference."""
+    held: dict[str, Counter[str]] = {}
+    for outcome in runs.values():
+        said = dict(outcome.environment)
+        for package in filter(None, said.pop("packages", "").split(", ")):  # each column has its own
+            name, _, rest = package.partition(" ")
+            said[f"package {name}"] = rest
+        for name, value in said.items():
+            if name in (*MACHINE, *COMPUTES, *STATE) or name.startswith("package "):
+                held.setdefault(name, Counter())[one_line(value[:12] if name == "commit" else value, 60)] += 1
+    differ = {one_line(name, 60): values for name, values in held.items() if len(values) > 1}
+    if differ:
+        words = (f"{k} = {' | '.join(f'{v} ({n})' for v, n in c.items())}" for k, c in differ.items())
+        yield Note(
+            f"Not all runs are of one environment: {'; '.join(words)}. Times and memory compare within one alone; "
+            "'nrsfm run rerun=stale' repeats what other code or libraries computed.",
+            loud=bool(differ.keys() - set(STATE)),
+        )
+
+
+def _settings(answers: Grid) -> Iterator[Note]:
+    """The scene: one sentence if the rows share it."""
+    trials = [trial for cells in answers.rows.values() for group in cells.values() for trial, _ in group]
+    if len(answers.settings) == 1 and trials:
+        yield Note(f"Setting: {answers.settings[0].words()}.")
+    for title, groups in (
+        ("Scenes", [_flat(trial.dataset) for trial in trials]),
+        ("Cameras", [_flat(trial.cameras) for trial in trials]),
+        ("Noise", [_flat(trial.noise) for trial in trials]),
+    ):
+        if shared := _shared(groups):
+            yield Note(f"{title}: {shared}.")
+
+
+def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
+    """The parameters that a method has in every row."""
+    for method, label in dict.fromkeys((column.method, column.label) for column in columns):
+        trials: list[Trial] = [trial for cells in answers.rows.values() for trial, _ in cells.get(method, [])]
+        if shared := _shared([_flat(trial.method) for trial in trials]):
+            yield Note(f"{label}: {shared}.")
+
+
+def _meaning(metric: Metric, published: bool) -> Iterator[str]:
+    if metric.logged == "e_3d_dai" and metric.beside:
+        yield (
+            "e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers follow; "
+            "e_3d, the error of the paper's printed equation, stands next to it."
+        )
+    if metric.pool in DISTANCES:
+        return  # the caption says
+    if metric.pool:
+        yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."
+    if published and metric.percent:
+        yield f"{metric.label} is reproduced within {metric.tolerance:g} percentage points of the published number."
+    elif published and metric.counts:
+        yield (
+            f"{metric.label} is reproduced within {metric.tolerance:g} track of the published share, taken as a whole "
+            "number of tracks; differences are in tracks."
+        )
+    elif published:
+        yield (
+            f"{metric.label} is reproduced within {100 * metric.tolerance:g} % of the published number; differences "
+            "are in per cent of it."
+        )
+
+
+def _flat(group: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """A configuration's settings by dotted name, as text."""
+    flat: dict[str, str] = {}
+    for name, value in group.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{name}.")
+        elif not str(name).startswith("_") and name not in NOT_SETTINGS:
+            flat[one_line(prefix + str(name), 60)] = one_line("none" if value is None else value, 60)
+    return flat
+
+
+def _asked(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:
+    """What was asked of a method, row by row; a table's rows stand in the grid's order."""
+    for row, cells in zip(rows, answers.rows.values(), strict=True):
+        for trial, _ in cells.get(method, []):
+            yield row, trial
+
+
+def _differing(groups: list[tuple[str, dict[str, str]]]) -> list[str]:
+    """``rank = 3 (Dance+Yoga) | 5 (7 rows)`` for every setting that is not the same on all rows."""
+    said = []
+    for name in dict.fromkeys(name for _, group in groups for name in group):
+        rows: dict[str, dict[str, None]] = {}
+        for label, group in groups:
+            rows.setdefault(group.get(name, "unset"), {})[label] = None
+        if len(rows) > 1:
+            places = {v: ", ".join(where) if len(where) < 4 else f"{len(where)} rows" for v, where in rows.items()}
+            said.append(f"{name} = " + " | ".join(f"{value} ({where})" for value, where in places.items()))
+    return said
+
+
+def _shared(groups: list[dict[str, str]]) -> str:
+    if not groups:
+        return ""
+    return ", ".join(f"{k} = {v}" for k, v in groups[0].items() if all(group.get(k) == v for group in groups))

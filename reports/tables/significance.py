@@ -1,0 +1,88 @@
+"""Is ours better than a baseline over the pairs, or was it luck? Wilcoxon's signed-rank test, corrected by Holm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nrsfm.reports.tables.model import Column, Paired, Row, Setting
+
+OURS = "ours"
+
+
+FEWEST = 5
+"""Rows below which no outcome could be significant."""
+
+
+EXACT = 12
+"""Rows up to which every assignment of signs is counted, ties and zeros too."""
+
+
+def paired_tests(columns: Sequence[Column], rows: Sequence[Row]) -> tuple[Paired, ...]:
+    """Ours against every other method, metric by metric, over the rows of one setting where both have a number.
+
+    The p-values of one metric and setting are corrected together (Holm 1979). Stand-ins take no part.
+    """
+    settings: dict[Setting, list[Row]] = {}
+    for row in rows:
+        if not row.stand_in:
+            settings.setdefault(row.setting, []).append(row)
+    found: list[Paired] = []
+    for setting, members in settings.items():
+        said = setting.words(("cameras", "level")) if len(settings) > 1 else ""
+        for metric in dict.fromkeys(column.metric for column in columns):
+            family = list(_family([c for c in columns if c.metric == metric], columns, members, said))
+            found += holm(family)
+    return tuple(found)
+
+
+def _family(own: Sequence[Column], columns: Sequence[Column], rows: Sequence[Row], said: str) -> Iterator[Paired]:
+    places = {column.method: columns.index(column) for column in own}
+    if OURS not in places:
+        return
+    for column in own:
+        if column.method == OURS:
+            continue
+        pairs = [(row.cells[places[OURS]].measured, row.cells[places[column.method]].measured) for row in rows]
+        differences = np.array([mine - theirs for mine, theirs in pairs if mine is not None and theirs is not None])
+        if len(differences) < FEWEST:
+            continue
+        yield Paired(
+            method=column.method,
+            label=column.label,
+            metric=column.metric.label,
+            setting=said,
+            rows=len(differences),
+            better=int((differences < 0).sum()),
+            worse=int((differences > 0).sum()),
+            median=float(np.median(differences)),
+            p=signed_rank(differences),
+        )
+
+
+def signed_rank(differences: np.ndarray) -> float:
+    """Two-sided p-value of Wilcoxon's signed-rank test, zeros by Pratt's rule; exact for :data:`EXACT` rows and fewer.
+
+    Parameters
+    ----------
+    differences : (n,) array
+    """
+    from scipy.stats import PermutationMethod, wilcoxon
+
+    if not differences.any():
+        return 1.0
+    method = PermutationMethod(n_resamples=np.inf) if len(differences) <= EXACT else "asymptotic"
+    return float(min(1.0, wilcoxon(differences, zero_method="pratt", method=method).pvalue))
+
+
+def holm(family: Iterable[Paired]) -> list[Paired]:
+    """A family of tests with p-values corrected by Holm's step-down rule, in the order given."""
+    tests = list(family)
+    corrected = np.ones(len(tests))
+    running = 0.0
+    for step, i in enumerate(sorted(range(len(tests)), key=lambda i: tests[i].p)):
+        running = max(running, (len(tests) - step) * tests[i].p)
+        corrected[i] = min(1.0, running)
+    return [replace(test, corrected=float(p)) for test, p in zip(tests, corrected, strict=True)]

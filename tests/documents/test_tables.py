@@ -1,0 +1,72 @@
+"""The tables of the README are what the code prints."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from nrsfm.harness.cli.compare import locate
+from nrsfm.harness.cli.report import renew
+from nrsfm.harness.config.spans import expand
+from nrsfm.harness.gate.baseline import Baseline, Blessed
+from nrsfm.harness.record.outcome import Outcome
+from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.tables.build import build
+from tests.reports.conftest import Tracked
+from tests.shell import ROOT, Shell
+
+README = ROOT / "README.md"
+
+
+def blessed_run(trial: Trial, row: Blessed) -> Tracked:
+    """A run that measured the blessed numbers."""
+    metrics = dict(row.metrics)
+    if row.n_points and "n_wrong" in metrics:
+        metrics["e_ms"] = metrics["n_wrong"] / row.n_points
+    outcome = Outcome(
+        key=row.trials[0],
+        setting=trial.setting,
+        status=row.status,
+        dataset=row.dataset,
+        method=row.method,
+        cameras=row.cameras,
+        placement=row.placement,
+        motion=row.motion,
+        level=row.level,
+        repeat=0,
+        n_points=row.n_points,
+        metrics=metrics,
+    )
+    return Tracked(outcome)
+
+
+@pytest.mark.parametrize("name", ["table1", "table2"])
+def test_tables_are_printed_from_the_blessed_numbers(name: str, tmp_path: Path) -> None:
+    """Whoever changes a number blesses it, and whoever blesses it renews the README."""
+    rows = {(row.dataset, row.method): row for row in Baseline.read(locate("tables")).rows}
+    answers = [
+        (trial, blessed_run(trial, rows[trial.dataset["name"], trial.method["name"]]))
+        for trial, _ in expand([f"experiment={name}"])
+    ]
+    copy = tmp_path / "README.md"
+    shutil.copy(README, copy)
+    renew(copy, [build(name, answers)])
+    assert copy.read_text() == README.read_text(), f"nrsfm report {name} --into README.md"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.data
+def test_tables_are_what_is_measured(shell: Shell, data_folder: Path, tmp_path: Path) -> None:
+    real = {"NRSFM_DATA": str(data_folder)}
+    assert shell("run", "experiment=tables", timeout=1800, **real).returncode == 0
+    done = shell("compare", "experiment=tables", "compare.baseline=tables", timeout=600, **real)
+    assert done.returncode == 0, done.stdout
+    copy = tmp_path / "README.md"
+    shutil.copy(README, copy)
+    assert shell("report", "--quiet", "--into", str(copy), timeout=600, **real).returncode == 0
+    assert copy.read_text() == README.read_text()
+    page = (tmp_path / "out/report/index.html").stat().st_size
+    assert page < 15 * 2**20

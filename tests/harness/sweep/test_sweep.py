@@ -1,0 +1,293 @@
+"""Sweeps from the shell: contained failures, resumption after a kill, one row a trial in a real MLflow store."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from nrsfm.harness.tracking.tracker import Tracker
+from tests.shell import ODD, TINY, Shell, processes, records, tracked, until
+
+
+def test_second_time_runs_nothing_and_says_so(shell: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *TINY, "noise.level=0,0.02", "dataset.seed=0,1")
+    first = shell(*words)
+    assert (first.returncode, "4 trials: 4 run" in first.stdout) == (0, True), first.stderr
+    stamps = {key: r["finished"] for key, r in records(tmp_path).items()}
+    second = shell(*words)
+    assert (second.returncode, "nothing to run, 4 done before" in second.stdout) == (0, True)
+    assert {key: r["finished"] for key, r in records(tmp_path).items()} == stamps
+    assert len(tracked(tmp_path)) == 4
+
+
+@pytest.mark.parametrize("words", [["noise.level=0"], ["noise.level=0", "method=edsc"], ["method=edsc,ssc2d"]])
+def test_an_experiment_can_be_narrowed(nrsfm: Shell, tmp_path: Path, words: list[str]) -> None:
+    """Whatever the experiment sweeps itself, dotted keys too."""
+    narrow = [*words, "dataset.points=8", "dataset.frames=12"]
+    planned = nrsfm("plan", "experiment=quick", *narrow).stdout
+    done = nrsfm("run", "experiment=quick", *narrow)
+    assert done.returncode == 0, done.stderr
+    n = len(records(tmp_path))
+    assert f"{n} trial{'' if n == 1 else 's'}: {n} missing." in planned
+    assert n == {1: 5, 2: 1}[len(words)] if "noise.level=0" in words else n == 4
+
+
+def test_a_sweep_ends_with_the_table_that_it_filled(nrsfm: Shell) -> None:
+    small = ("dataset.points=8", "dataset.frames=12", "noise.level=0")
+    done = nrsfm("run", "experiment=quick", *small, "method=edsc,ssc2d")
+    assert "Experiment quick" in done.stdout
+    assert "quick: no published numbers, 2 of 4 cells measured." in done.stdout
+    again = nrsfm("run", "-m", *small, "method=edsc,ssc2d")  # nothing to run, and the same numbers
+    rows = [[line.split() for line in text.splitlines() if " SSC(2D) " in line] for text in (done.stdout, again.stdout)]
+    assert rows[0] == rows[1] != []
+    assert "This sweep" in again.stdout
+    one = nrsfm("run", *small, "method=edsc")
+    assert "Dataset" not in one.stdout  # one trial is no sweep
+
+
+def test_store_holds_parameters_metrics_curves_and_tags(shell: Shell, tmp_path: Path) -> None:
+    assert shell("run", "method=ours_printed", "dataset.points=8", "dataset.frames=12").returncode == 0
+    (one,) = tracked(tmp_path)
+    client = Tracker(one.uri, tmp_path / "out").client
+    run = client.get_run(one.run_id)
+    assert run.data.params["method.l1"] == "0.003"
+    assert run.data.params["dataset.points"] == "8"
+    assert run.data.metrics["e_3d"] == one.outcome.metrics["e_3d"]
+    for name in ("objective", "residual_shape", "residual_expression", "residual_code", "residual_affine"):
+        curve = client.get_metric_history(one.run_id, name)
+        assert len(curve) > 50, name
+        assert [m.step for m in curve] == sorted(m.step for m in curve)
+    assert run.data.tags["trial_key"] == one.outcome.key
+    assert {"sweep", "dataset", "method", "level", "repeat"} <= run.data.tags.keys()
+    assert run.info.status == "FINISHED"
+    assert {f.path for f in client.list_artifacts(one.run_id)} >= {"result.json", "arrays.npz"}
+    mode = sqlite3.connect(tmp_path / "out/mlflow.db").execute("PRAGMA journal_mode").fetchone()[0]
+    assert mode == "wal"
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Callable[[str], None]]:
+    """Mounts a disk of its own, with options, at the output folder; needs the right to mount."""
+    place, mounted = tmp_path / "out", []
+    place.mkdir()
+
+    def mount(options: str) -> None:
+        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], capture_output=True)
+        if done.returncode:
+            pytest.skip("no right to mount a file system here")
+        mounted.append(place)
+
+    yield mount
+    if mounted:
+        subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_full_disk_ends_in_one_line_and_the_rest_runs_later(
+    shell: Shell, tmp_path: Path, small_disk: Callable[[str], None]
+) -> None:
+    small_disk("size=3m")
+    words = ("run", "-m", *ODD, "+method.how=ok", "noise.level=0.01", "noise.repeat=range(400)")
+    full = shell(*words)
+    assert full.returncode == 2
+    lines = [line for line in full.stderr.splitlines() if line.startswith("nrsfm run:")]
+    assert len(lines) == 1, full.stderr
+    assert f"{tmp_path}/out" in lines[0]
+    assert "No space left on device; make room; start it again" in lines[0]
+    before = {key: r["finished"] for key, r in records(tmp_path).items()}
+    assert 0 < len(before) < 400
+    assert {r["status"] for r in records(tmp_path).values()} == {"ok"}
+    subprocess.run(["mount", "-o", "remount,size=64m", str(tmp_path / "out")], check=True)
+    again = shell(*words)
+    assert (again.returncode, f"{400 - len(before)} run, {len(before)} done before" in again.stdout) == (0, True)
+    assert sorted(t.outcome.key for t in tracked(tmp_path)) == sorted(records(tmp_path))
+
+
+def test_read_only_output_is_refused_in_one_line(
+    shell: Shell, tmp_path: Path, small_disk: Callable[[str], None]
+) -> None:
+    small_disk("ro")
+    done = shell("run", *TINY)
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [f"nrsfm run: {tmp_path}/out/sweeps: Read-only file system"]
+
+
+def test_sweep_stops_at_its_limit_and_goes_on_later(shell: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *ODD, "+method.how=slow", "noise.level=0.01", "noise.repeat=range(6)", "workers=1")
+    short = shell(*words, "limits.sweep_seconds=4")
+    assert short.returncode == 2
+    assert "its 4 s are over; start it again to run the rest" in short.stderr
+    n = len(records(tmp_path))
+    assert 0 < n < 6
+    assert {r["status"] for r in records(tmp_path).values()} == {"ok"}
+    again = shell(*words)
+    assert (again.returncode, f"{6 - n} run, {n} done before" in again.stdout) == (0, True)
+
+
+def test_killed_trials_are_tried_again(shell: Shell, tmp_path: Path) -> None:
+    """By workers side by side: so often as asked, and told once."""
+    words = ("run", "-m", *ODD, "+method.how=tire,revive,raise,ok", "noise.level=0.01", "workers=2", "retries=2")
+    done = shell(*words)
+    assert "4 trials: 4 run, 1 crashed, 1 failed" in done.stdout, done.stdout
+    found = {r["parameters"]["method"]["how"]: r["status"] for r in records(tmp_path).values()}
+    assert found == {"tire": "crashed", "revive": "ok", "raise": "failed", "ok": "ok"}
+    tries = {how: (tmp_path / "out" / how).stat().st_size for how in ("tire", "revive")}
+    assert tries == {"tire": 3, "revive": 3}  # the first, and two more
+    told = [line for line in done.stderr.splitlines() if line.startswith("[")]
+    assert len(told) == 4
+    again = shell(*words, "rerun=failed", "retries=0")
+    assert "2 run, 2 done before, 1 crashed, 1 failed" in again.stdout
+    assert (tmp_path / "out/tire").stat().st_size == 4
+
+
+def test_a_limit_ends_the_trials_at_work(shell: Shell, tmp_path: Path) -> None:
+    """They leave no record and no process, and none begins any more."""
+    start = time.monotonic()
+    done = shell(
+        "run", "-m", *ODD, "+method.how=hang", "noise.level=0.01", "noise.repeat=range(5)", "workers=2",
+        "limits.sweep_seconds=3",
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "its 3 s are over; start it again to run the rest" in done.stderr
+    assert "5 trials: nothing to run, 5 not reached" in done.stdout
+    assert records(tmp_path) == {}
+    assert time.monotonic() - start < 120
+    until(lambda: not processes(tmp_path), 30)
+
+
+def test_stale_records_are_renewed_when_asked(nrsfm: Shell, tmp_path: Path) -> None:
+    words = ("run", "-m", *TINY, "noise.level=0,0.02")
+    assert nrsfm(*words).returncode == 0
+    path = sorted((tmp_path / "out/trials").glob("*/result.json"))[0]
+    record = json.loads(path.read_text())
+    record["environment"]["numpy"] = "1.0"
+    path.write_text(json.dumps(record))
+    assert "nothing to run, 2 done before" in nrsfm(*words).stdout
+    assert "1 run, 1 done before" in nrsfm(*words, "rerun=stale").stdout
+    assert "nothing to run, 2 done before" in nrsfm(*words, "rerun=stale").stdout
+
+
+def test_records_of_a_clock_ahead_are_renewed_like_any_other(nrsfm: Shell, tmp_path: Path) -> None:
+    """What is new is told by what the sweep found, not by clocks, which differ from machine to machine."""
+    words = ("run", "-m", *TINY, "noise.level=0,0.02")
+    assert nrsfm(*words).returncode == 0
+    path = sorted((tmp_path / "out/trials").glob("*/result.json"))[0]
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"finished": "2999-01-01T00:00:00.000+00:00"}))
+    assert "2 trials: 2 run." in nrsfm(*words, "rerun=all").stdout
+    assert all(r["finished"] < "2999" for r in records(tmp_path).values())
+    assert sorted(t.outcome.finished for t in tracked(tmp_path)) == sorted(
+        r["finished"] for r in records(tmp_path).values()
+    )
+
+
+@pytest.mark.parametrize("turn", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 20))])
+def test_two_sweeps_at_once_on_a_fresh_store(environment: dict[str, str], tmp_path: Path, turn: int) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "nrsfm",
+        "run",
+        "-m",
+        *ODD,
+        "+method.how=slow",
+        "noise.level=0.01",
+        "noise.repeat=0,1,2",
+    ]
+    both = [
+        subprocess.Popen(
+            command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    ended = [p.communicate(timeout=120) for p in both]
+    assert [p.returncode for p in both] == [0, 0], ended
+    ran = sum(int(out.split(" run")[0].split(": ")[-1]) for out, _ in ended if "nothing" not in out)
+    assert ran == 3, ended
+    keys = [t.outcome.key for t in tracked(tmp_path)]
+    assert sorted(keys) == sorted(records(tmp_path))
+
+
+def test_run_cut_short_in_the_store_is_written_anew(nrsfm: Shell, tmp_path: Path) -> None:
+    """A kill between the store's calls leaves a run without its last tag: it counts as nothing and is replaced."""
+    assert nrsfm("run", *TINY).returncode == 0
+    (one,) = tracked(tmp_path)
+    client = Tracker(one.uri, tmp_path / "out").client
+    client.delete_tag(one.run_id, "finished")
+    assert tracked(tmp_path) == []
+    assert "1 run written" in nrsfm("sync").stdout
+    (again,) = tracked(tmp_path)
+    assert again.run_id != one.run_id
+    assert again.outcome == one.outcome
+
+
+def test_store_whose_making_was_cut_short_is_made_anew(nrsfm: Shell, tmp_path: Path) -> None:
+    """A kill in MLflow's migrations leaves a file beside the store's place, never a half-made store in it."""
+    (tmp_path / "out").mkdir()
+    with sqlite3.connect(tmp_path / "out/.mlflow.db.new") as db:
+        db.execute("CREATE TABLE spans (trace_id TEXT)")
+    assert nrsfm("run", *TINY).returncode == 0
+    assert len(tracked(tmp_path)) == 1
+
+
+def test_killed_rerun_keeps_the_record(
+    shell: Shell, environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["run", *ODD, "+method.how=slow"]
+    assert shell(*words).returncode == 0
+    before = records(tmp_path)
+    rerun = subprocess.Popen(
+        [sys.executable, "-m", "nrsfm", *words, "rerun=all"], env=environment, cwd=tmp_path, start_new_session=True
+    )
+    log = next((tmp_path / "out/trials").glob("*/log.txt"))
+    first = log.stat().st_mtime_ns
+    deadline = time.monotonic() + 60
+    while log.stat().st_mtime_ns == first and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(rerun.pid, signal.SIGKILL)
+    rerun.wait()
+    assert records(tmp_path) == before
+
+
+def test_sweep_of_a_name_used_before_counts_its_own(nrsfm: Shell) -> None:
+    assert "2 trials: 2 run." in nrsfm("run", *TINY, "sweep=again", "dataset.seed=0,1").stdout
+    second = nrsfm("run", *TINY, "sweep=again", "dataset.seed=1,2")
+    assert (second.returncode, "2 trials: 1 run, 1 done before." in second.stdout) == (0, True), second.stdout
+
+
+def test_sync_rebuilds_a_lost_tracker(shell: Shell, tmp_path: Path) -> None:
+    assert shell("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
+    before = [t.outcome for t in tracked(tmp_path)]
+    for path in (tmp_path / "out").glob("mlflow.db*"):
+        path.unlink()
+    done = shell("sync")
+    assert (done.returncode, "2 runs written" in done.stdout) == (0, True)
+    assert sorted(o.key for o in before) == sorted(t.outcome.key for t in tracked(tmp_path))
+    assert "0 runs written" in shell("sync").stdout
+
+
+def test_failed_trials_run_again_when_asked(shell: Shell, tmp_path: Path) -> None:
+    words = ("run", "dataset=dance_yoga", "method=edsc")
+    first = shell(*words)
+    assert first.returncode == 2
+    assert "dance.mat is not there" in first.stderr
+    again = shell(*words, "rerun=failed")
+    assert "1 trial: 1 run, 1 absent" in again.stdout
+    assert len(tracked(tmp_path)) == 1
+
+
+def test_tracker_out_of_reach_costs_no_result(shell: Shell, tmp_path: Path) -> None:
+    done = shell(
+        "run", *TINY, "tracking=server", "tracking.uri=http://127.0.0.1:9", MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
+    )
+    assert done.returncode == 2
+    assert "nrsfm sync" in done.stderr
+    assert [r["status"] for r in records(tmp_path).values()] == ["ok"]
+    assert "1 run written" in shell("sync").stdout

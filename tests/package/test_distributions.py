@@ -1,0 +1,171 @@
+"""The wheel and the sdist hold everything, and run where there is no checkout."""
+
+from __future__ import annotations
+
+import email
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from nrsfm.harness.cli.completion import SHELLS
+from nrsfm.harness.cli.verbs import VERBS
+from tests.harness.cli.test_new import PARTS
+from tests.shell import ROOT
+
+BESIDE = ("docs", "examples", "tests")
+FILES = ("CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md")
+IGNORED = shutil.ignore_patterns("__pycache__", ".*", "*.egg-info", "_build")
+
+Installed = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def contents(root: Path, parts: tuple[str, ...]) -> set[str]:
+    """Every file of some folders."""
+    found = {path.relative_to(root) for part in parts for path in (root / part).rglob("*") if path.is_file()}
+    return {path.as_posix() for path in found if "__pycache__" not in path.parts}
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``sources``, and with the sdist and the wheel that was made of the sdist."""
+    pytest.importorskip("build")
+    folder = tmp_path_factory.mktemp("built")
+    source = folder / "sources"
+    source.mkdir()
+    for part in (*PARTS, *BESIDE):
+        shutil.copytree(ROOT / part, source / part, ignore=IGNORED)
+    for name in (*FILES, "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, source / name)
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=folder, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Deprecat" not in done.stdout + done.stderr
+    return folder
+
+
+def test_the_wheel_holds_every_file_of_the_packages_and_no_other(built: Path) -> None:
+    (wheel,) = built.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        (about,) = [name for name in names if name.endswith(".dist-info/METADATA")]
+        metadata = email.message_from_bytes(archive.read(about))
+    inside = {name for name in names if ".dist-info/" not in name}
+    assert inside == contents(built / "sources", PARTS)
+    assert {f"nrsfm/harness/cli/shells/nrsfm.{shell}" for shell in SHELLS} <= inside
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
+    assert metadata["Name"] == "nrsfm"
+    assert metadata["License-Expression"] == "MIT"
+    assert metadata["Requires-Python"] == ">=3.11"
+    assert {f"Programming Language :: Python :: 3.{n}" for n in (11, 12, 13)} <= set(metadata.get_all("Classifier", []))
+
+
+def test_the_sdist_holds_what_a_checkout_does(built: Path) -> None:
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {member.name.partition("/")[2] for member in archive if member.isfile()}
+    made = {name for name in names if ".egg-info/" in name} | {"PKG-INFO", "setup.cfg"}
+    expected = contents(built / "sources", (*PARTS, *BESIDE)) | {*FILES, "pyproject.toml", "constraints.txt"}
+    assert names - made == expected
+
+
+def test_the_citation_is_valid() -> None:
+    """By the required fields of the Citation File Format 1.2.0."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["message"] and citation["title"] == "nrsfm" and citation["type"] == "software"
+    assert citation["authors"] == [{"name": "the nrsfm developers"}]
+    assert citation["license"] == "MIT"
+    project = (ROOT / "pyproject.toml").read_text()
+    assert f'version = "{citation["version"]}"' in project
+    (paper,) = citation["references"]
+    assert {"type", "title", "authors", "year"} <= paper.keys()
+    assert [author["family-names"] for author in paper["authors"]] == ["Kumar", "Dai", "Li"]
+
+
+def test_the_changelog_has_the_version() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    version = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]
+    assert f"## [{version}]" in text
+    assert "### Added" in text
+
+
+@pytest.fixture(scope="session")
+def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    """The harness of a clean environment, where there is neither a checkout nor git; skips without a package index."""
+    folder = tmp_path_factory.mktemp("clean")
+    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
+    (wheel,) = built.glob("*.whl")
+    binaries = folder / "venv/bin"
+    pip = [str(binaries / "pip"), "install", "--quiet", "--disable-pip-version-check"]
+    done = subprocess.run(
+        [*pip, "--constraint", str(ROOT / "constraints.txt"), str(wheel)], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        pytest.skip(f"the dependencies cannot be installed: {done.stderr.strip().splitlines()[-1]}")
+    (folder / "empty").mkdir()
+    environment = {
+        "PATH": str(binaries),
+        "HOME": str(folder),
+        "COLUMNS": "200",
+        **{name: os.environ[name] for name in ("LANG", "TMPDIR") if name in os.environ},
+    }
+
+    def call(*words: str, code: int = 0, program: str = "nrsfm") -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [str(binaries / program), *words],
+            env=environment,
+            cwd=folder / "empty",
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        assert done.returncode == code, (words, done.stdout, done.stderr)
+        return done
+
+    return call
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_wheel_runs_in_a_clean_environment(installed: Installed) -> None:
+    place = installed("-c", "import harness; print(harness.__file__)", program="python").stdout.strip()
+    site = Path(place).parents[1]
+    assert site.name == "site-packages"
+    before = contents(site, (".",))
+
+    assert installed("--version").stdout == "nrsfm 0.1.0\n"
+    assert "run" in installed("--help").stdout
+    for verb in VERBS:
+        installed(verb, "--help")
+    assert "bmm_ssc3d" in installed("list").stdout
+    assert "dataset=procedural" in installed("completion", "--query", "nrsfm run dataset=pro").stdout
+    assert "complete" in installed("completion", "bash").stdout
+    assert "0 of" in installed("data", "list").stdout
+    assert "the harness can be used" in installed("doctor").stdout
+
+    assert "1 run" in installed("run", "dataset=procedural", "dataset.points=8", "dataset.frames=12").stdout
+    quick = ("experiment=quick", "method=edsc")
+    installed("run", *quick)
+    installed("report", "quick", "method=edsc", "--quiet")
+    assert "missing" in installed("compare", *quick, code=2).stdout  # the baseline has methods that were not run
+    refused = installed("bless", "quick", "--reason", "here", *quick, code=3).stderr
+    assert "name a file, quick.json" in refused
+    installed("bless", "quick.json", "--reason", "here", *quick)
+    installed("compare", *quick, "compare.baseline=quick.json")
+
+    installed("new", "method", "my_method")
+    pip = ("install", "--quiet", "--disable-pip-version-check", "--editable", "nrsfm-my-method")
+    assert contents(site, (".",)) == before
+    installed(*pip, program="pip")
+    assert "[nrsfm-my-method]" in installed("list", "methods").stdout
+    assert "1 run" in installed("run", "method=my_method", "dataset.points=8", "dataset.frames=12").stdout

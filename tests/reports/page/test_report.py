@@ -1,0 +1,173 @@
+"""The page holds everything that it shows, once, and lets no foreign text out of its place."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nrsfm.datasets.scene import Scene
+from nrsfm.harness.cli.report import Report
+from nrsfm.harness.record.outcome import Outcome
+from nrsfm.reports.figures.blobs import Blobs
+from nrsfm.reports.page.report import plotly, script_json, totals
+from nrsfm.reports.page.runs import BUDGET, FRAMES, details
+from tests.reports.conftest import Tracked, make_answer
+
+
+@pytest.fixture
+def arrays(small_scene: Scene) -> dict[str, np.ndarray]:
+    """What a run on the small scene left: two wrong tracks, a structure a little off."""
+    labels = 1 - small_scene.labels
+    labels[[0, 20]] = 1 - labels[[0, 20]]
+    return {
+        "tracks": small_scene.tracks,
+        "structure": 1.02 * small_scene.structure,
+        "true_structure": small_scene.structure,
+        "labels": labels,
+        "true_labels": small_scene.labels,
+        "affinity": np.abs(np.subtract.outer(labels, labels)) + 0.1,
+        "frame_e_3d": np.linspace(0.01, 0.05, len(small_scene.tracks)),
+        "history_objective": np.exp(-np.arange(300.0)),
+        "history_shape": np.exp(-np.arange(300.0)),
+    }
+
+
+def tracked(name: str, method: str = "ours", **more: Any) -> Tracked:
+    return make_answer(name, method, 2, e_3d=0.03, e_3d_dai=0.04, n_points=30, **more)[1]
+
+
+def unpack(blob: dict[str, Any]) -> np.ndarray:
+    values = np.frombuffer(base64.b64decode(blob["data"]), "<i2" if blob["kind"] == "int16" else "u1")
+    return values.reshape(blob["shape"]) * blob["scale"]
+
+
+def embedded(text: str) -> dict[str, Any]:
+    """The data of a page."""
+    found = re.search(r'<script type="application/json" id="nrsfm-data">(.*?)</script>', text, re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+class TestBlobs:
+    @pytest.mark.parametrize("kind", ["int16", "uint8"])
+    def test_round_trip_to_half_a_step(self, rng: np.random.Generator, kind: str) -> None:
+        values = rng.uniform(0 if kind == "uint8" else -3, 3, (5, 3, 7))
+        blobs = Blobs()
+        blob = blobs.held[blobs.add(values, kind)]
+        assert np.abs(unpack(blob) - values).max() <= 0.51 * blob["scale"] + 1e-5
+
+    def test_the_same_array_travels_once(self, rng: np.random.Generator) -> None:
+        blobs, values = Blobs(), rng.standard_normal((4, 3, 5))
+        assert blobs.add(values, "int16") == blobs.add(values.copy(), "int16")
+        assert blobs.add(2 * values, "int16") != blobs.add(values, "int16")
+        assert len(blobs.held) == 2
+
+    def test_zeros(self) -> None:
+        blobs = Blobs()
+        assert (unpack(blobs.held[blobs.add(np.zeros((2, 2)), "uint8")]) == 0).all()
+
+
+class TestDetails:
+    def test_a_run_tells_everything_and_plays(self, arrays: dict[str, np.ndarray]) -> None:
+        run = tracked("dance_yoga")
+        told, blobs = details([run], lambda _: arrays, [run.outcome.key])
+        entry = told[run.outcome.key]
+        assert entry["metrics"]["e_3d"] == 0.03
+        view = entry["view"]
+        truth = arrays["true_structure"] - arrays["true_structure"].mean(axis=2, keepdims=True)
+        np.testing.assert_allclose(unpack(blobs.held[view["truth"]]), truth[:: view["step"]], atol=1e-3)
+        assert view["wrong"] == [0, 20]
+        assert [view["labels"][i] for i in (1, 21)] == [0, 1]
+        assert len(entry["curves"]["residual_shape"]["x"]) == 100
+        assert entry["frames"][-1] == 0.05
+
+    def test_estimated_cameras_are_shown_after_their_alignment(self, arrays: dict[str, np.ndarray]) -> None:
+        turn = np.diag([-1.0, -1.0, 1.0])
+        turned = arrays | {"structure": turn @ arrays["structure"], "alignment": turn}
+        run = tracked("dance_yoga")
+        found = [details([run], lambda _, a=a: a, [run.outcome.key]) for a in (arrays, turned)]
+        first, second = (unpack(b.held[told[run.outcome.key]["view"]["found"]]) for told, b in found)
+        np.testing.assert_allclose(first, second, atol=1e-6)
+
+    def test_runs_that_are_not_viewed_have_no_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        run = tracked("dance_yoga")
+        told, blobs = details([run], lambda _: arrays, [])
+        assert "view" not in told[run.outcome.key]
+        assert not blobs.held
+
+    def test_many_and_large_runs_keep_to_the_budget(self) -> None:
+        rng = np.random.default_rng(0)
+        runs = [tracked(f"scene{i}") for i in range(12)]
+        runs = [replace(run, outcome=replace(run.outcome, n_points=5000)) for run in runs]
+        large = {run.outcome.key: rng.standard_normal((150, 3, 5000)).astype(np.float32) for run in runs}
+
+        def fetch(run: Tracked) -> dict[str, np.ndarray]:
+            X = large[run.outcome.key]
+            return {"structure": X, "true_structure": X}
+
+        told, blobs = details(runs, fetch, list(large))
+        views = [entry["view"] for entry in told.values()]
+        assert all(blobs.held[view["truth"]]["shape"][0] <= FRAMES for view in views)
+        assert sum(2 * np.prod(blob["shape"]) for blob in blobs.held.values()) <= BUDGET
+
+
+class TestPage:
+    def test_it_loads_nothing_and_names_every_run(
+        self, table1_answers: list[Any], table2_answers: list[Any], arrays: dict[str, np.ndarray]
+    ) -> None:
+        report = Report({"table1": table1_answers, "table2": table2_answers}, lambda _: arrays)
+        text = report.texts()["index.html"]
+        assert text == Report(report.answers, lambda _: arrays).texts()["index.html"]
+        markup = text.replace(plotly(), "")
+        assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//|@import|url\(""", markup)
+        assert "default-src 'none'" in markup
+        data = embedded(text)
+        assert data["runs"].keys() == report.runs.keys()
+        opened = {key for keys in re.findall(r'data-runs="([^"]*)"', markup) for key in keys.split()}
+        assert opened == report.runs.keys()
+
+    def test_summary_first(self, table1_answers: list[Any]) -> None:
+        report = Report({"table1": table1_answers})
+        text = report.texts()["index.html"]
+        counts = totals(report.tables)
+        assert sum(counts.values()) == 24
+        said = f"<b>{counts['reproduced']} of 24</b> published numbers are reproduced"
+        assert said in text
+        assert text.index(said) < text.index('id="claims"') < text.index('id="table1"')
+
+    def test_no_text_leaves_the_data(self, answer: Callable[..., Any]) -> None:
+        evil = "</script><script>alert(1)</script><!-- <b>&amp;"
+        answers = [answer("dance_yoga", "ours", status="failed", error=evil, parameters={evil: evil})]
+        text = Report({"table1": answers}).texts()["index.html"].replace(plotly(), "")
+        assert "alert(1)</script>" not in text
+        assert text.count("</script>") == 3  # data, library, program
+        (run,) = embedded(text)["runs"].values()
+        assert run["error"] == evil
+
+    def test_json_in_a_script_is_json(self) -> None:
+        value = {"a": ["</script>", "<!--", "&", "\u2028"], "b": 1.5}
+        text = script_json(value)
+        assert json.loads(text) == value
+        assert not {"<", ">", "\u2028"} & set(text)
+        with pytest.raises(ValueError, match="JSON"):
+            script_json({"a": float("nan")})
+
+
+def test_settings_are_shown_as_they_are_written() -> None:
+    run = tracked("dance_yoga")
+    outcome: Outcome = replace(
+        run.outcome, parameters={"method": {"period": None, "exact": True, "bodies": ["a", "b"]}}
+    )
+    told, _ = details([replace(run, outcome=outcome)], lambda _: {}, [])
+    assert told[outcome.key]["parameters"] == {
+        "method.bodies": '["a", "b"]',
+        "method.exact": "true",
+        "method.period": "null",
+    }
