@@ -5,7 +5,7 @@ from importlib import metadata
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE / "extensions"), str(HERE.parent)]
+sys.path[:0] = [str(HERE / "extensions")]
 
 project = "nrsfm"
 release = version = metadata.version("nrsfm")

@@ -1,4 +1,4 @@
-"""What the code says of itself, put where a page has <!-- generated: NAME --> while the site is built.
+"""Pages made from the code while the site is built: the text that replaces <!-- generated: NAME -->.
 
 ``configuration``: every file and key of conf/ with its default and comment. ``commands``: the help of every verb.
 ``api PACKAGE``: a section for every module of a package, from the docstrings.
@@ -12,7 +12,7 @@ import io
 import os
 import pkgutil
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -24,17 +24,17 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 ROOT = Path(__file__).resolve().parents[2]
-CONF = ROOT / "conf"
+CONF = ROOT / "src/nrsfm/conf"
 MARK = re.compile(r"^<!-- generated: (\w+)(?: (\w+))? -->$", re.MULTILINE)
 LONGEST = 110  # of a value, in characters
 GROUPS = {
-    "dataset": "What is looked at.",
+    "dataset": "The scene.",
     "cameras": "Where the cameras come from.",
     "noise": "Noise on the tracks.",
     "gaps": "Observations that are dropped.",
-    "method": "What reconstructs and tells apart.",
+    "method": "The method that reconstructs and clusters.",
     "part": "What methods are composed of: `method.clusterer` and `method.reconstructor` of a pipeline.",
-    "experiment": "Named sweeps, added with a plus: `experiment=NAME`.",
+    "experiment": "Named sweeps: `experiment=NAME`.",
     "tracking": "Where MLflow keeps the runs.",
     "compare": "What `nrsfm compare` tolerates.",
 }
@@ -46,9 +46,10 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _read(app: Sphinx, page: str, source: list[str]) -> None:
-    makers = {"configuration": configuration, "commands": commands, "api": api}
+    makers: dict[str, Callable[..., str]] = {"configuration": configuration, "commands": commands, "api": api}
     source[0] = MARK.sub(lambda mark: makers[mark[1]](*filter(None, [mark[2]])), source[0])
-    for path in (*CONF.rglob("*.yaml"), *(ROOT / "harness").glob("*.py")) if page in makers else ():
+    sources = (*CONF.rglob("*.yaml"), *(ROOT / "src/nrsfm/harness/cli").glob("*.py"))
+    for path in sources if page in makers else ():
         app.env.note_dependency(str(path))
 
 
@@ -82,7 +83,7 @@ def _file(path: Path) -> list[str]:
 
 
 def described(path: Path) -> tuple[list[str], list[Key]]:
-    """What a configuration file says of itself, as Markdown, and its keys."""
+    """The comment at the head of a configuration file, as Markdown, and its keys."""
     text = path.read_text(encoding="utf-8")
     lines = text.splitlines()
     head = []
@@ -91,7 +92,7 @@ def described(path: Path) -> tuple[list[str], list[Key]]:
             break
         if not line.startswith("# @package"):
             head.append(line[1:])
-    shown = [line for line in head if re.match(r" {2,}\w| harness ", line)]
+    shown = [line for line in head if re.match(r" {2,}\w| nrsfm ", line)]
     about = [_cell(line.strip()) for line in head if line not in shown]
     if shown:
         about += ["", "```text", *(line.strip() for line in shown), "```"]
@@ -102,29 +103,28 @@ def described(path: Path) -> tuple[list[str], list[Key]]:
         if based:
             about += ["", "Composed of " + ", ".join(f"`{_choice(item)}`" for item in based) + "."]
         hints = _hints(path)
-        for name, value, line in _leaves(tree):
+        for name, value, number in _leaves(tree):
             written = " ".join(text[value.start_mark.index : value.end_mark.index].split())
             end = value.end_mark if value.end_mark.line == value.start_mark.line else value.start_mark
             behind = re.search(r"#\s*(.*)", lines[end.line][end.column :])
-            above = lines[line - 1].strip() if line > len(head) + text.startswith("# @package") else ""
+            above = lines[number - 1].strip() if number > len(head) + text.startswith("# @package") else ""
             comment = behind[1] if behind else above.lstrip("# ") if above.startswith("#") else hints.get(name, "")
             keys.append(Key(name, written, comment))
     return about, keys
 
 
 def _hints(path: Path) -> dict[str, str]:
-    """What the docstring behind a file, and the files that it is composed of, say of keys."""
-    tree = yaml.compose(path.read_text(encoding="utf-8"))
-    found: dict[str, str] = {}
+    """Descriptions of keys from the class behind a file and from the files that it is composed of."""
+    hints: dict[str, str] = {}
     for item in yaml.safe_load(path.read_text(encoding="utf-8")).get("defaults", []):
         if not isinstance(item, str) or item == "_self_":
             continue
         name, _, place = item.partition("@")
         file = CONF / f"{name.lstrip('/')}.yaml" if name.startswith("/") else path.with_name(f"{name}.yaml")
         prefix = "" if place in ("", "_here_") else f"{place}."
-        own = _hints(file) | {key.name: key.comment for key in described(file)[1] if key.comment}
-        found |= {f"{prefix}{key}": comment for key, comment in own.items()}
-    return found | _docstring(tree)
+        inner = _hints(file) | {key.name: key.comment for key in described(file)[1] if key.comment}
+        hints |= {f"{prefix}{key}": comment for key, comment in inner.items()}
+    return hints | _docstring(yaml.safe_load(path.read_text(encoding="utf-8")))
 
 
 def _choice(item: str | dict[str, str]) -> str:
@@ -143,16 +143,15 @@ def _leaves(node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple[str, yam
             yield name, value, key.start_mark.line
 
 
-def _docstring(tree: yaml.MappingNode) -> dict[str, str]:
-    """What the class behind a method's file says of its hyper-parameters."""
+def _docstring(settings: dict[str, Any]) -> dict[str, str]:
+    """Hyper-parameters of a method and their descriptions, from the docstring of its class."""
     from nrsfm.methods.registry import algorithm
 
-    plain = {key.value: value.value for key, value in tree.value if isinstance(value, yaml.ScalarNode)}
-    if "algorithm" not in plain:
+    if "algorithm" not in settings:
         return {}
     found: dict[str, str] = {}
     names: list[str] = []
-    doc = inspect.getdoc(algorithm(plain["algorithm"])) or ""
+    doc = inspect.getdoc(algorithm(settings["algorithm"])) or ""
     for line in doc.partition("Parameters\n")[2].partition("\n\n")[0].splitlines()[1:]:
         if not line.startswith(" "):
             names = [name.strip() for name in line.partition(" : ")[0].split(",")]
@@ -171,7 +170,7 @@ def _code(value: str) -> str:
 def _cell(text: str) -> str:
     """Text of a comment as Markdown: what looks like a key or a command is code."""
     text = re.sub(r"(?<![\w`'])((?:\w+\.)*\w+=[^\s,;:]*[^\s,;:.)])", r"`\1`", text)
-    text = re.sub(r"'(harness [^']+)'", r"`\1`", text)
+    text = re.sub(r"'(nrsfm [^']+)'", r"`\1`", text)
     return re.sub(r"(?<!`)([|<>*_])(?!`)", r"\\\1", text) if "`" not in text else text.replace("|", "\\|")
 
 
@@ -179,7 +178,7 @@ def commands() -> str:
     """The help of the command line and of every verb."""
     from nrsfm.harness.cli.verbs import VERBS
 
-    parts = ["## harness", "", _help([])]
+    parts = ["## nrsfm", "", _help([])]
     for verb in VERBS:
         parts += [f"## nrsfm {verb}", "", _help([verb])]
         if verb == "data":
@@ -191,18 +190,26 @@ def commands() -> str:
 def _help(words: list[str]) -> str:
     from nrsfm.harness.cli.main import main
 
-    said = io.StringIO()
+    output = io.StringIO()
     wide = mock.patch.dict(os.environ, {"COLUMNS": "100"})
-    with wide, contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+    with wide, contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
         main([*words, "--help"])
-    return f"```text\n{said.getvalue().strip()}\n```\n"
+    return f"```text\n{output.getvalue().strip()}\n```\n"
 
 
 def api(package: str) -> str:
-    """A section for each module of a package."""
+    """A section for each module of a package and of the packages in it."""
     parts = []
-    for module in pkgutil.iter_modules(import_module(package).__path__):
-        name = f"{package}.{module.name}"
-        if not module.ispkg and module.name != "__main__":
-            parts += [f"## {name}", "", "```{eval-rst}", f".. automodule:: {name}", "```", ""]
+    root = import_module(f"nrsfm.{package}")
+    for module in pkgutil.walk_packages(root.__path__, f"{root.__name__}."):
+        last = module.name.rpartition(".")[2]
+        if last == "__main__" or (module.ispkg and not _defines(module.name)):
+            continue
+        parts += [f"## {module.name}", "", "```{eval-rst}", f".. automodule:: {module.name}", "```", ""]
     return "\n".join(parts)
+
+
+def _defines(package: str) -> bool:
+    """Whether a package defines something of its own, and does not only hold modules."""
+    things = vars(import_module(package)).values()
+    return any(getattr(thing, "__module__", None) == package for thing in things)

@@ -30,13 +30,15 @@ def drawn(latex: str, kind: str, node: nodes.Element) -> str:
     try:
         spaced = APART[0].sub(APART[1], latex.replace(*BOLD_ONE))
         equation = ziamath.Latex(spaced, size=SIZE[kind], inline=kind == "inline")
-        svg = equation.svg()
+        svg = str(equation.svg())
         if unknown := re.search(r"<m[ino]>(\\\w+)", equation.mathmlstr()):
             raise ValueError(f"{unknown[1]} is no command that is known")
     except Exception as error:
         logger.warning("cannot draw the equation %s: %s", latex, error, location=node)
         return f"<code>{html.escape(latex)}</code>"
-    top, height = map(float, re.search(r'viewBox="\S+ (\S+) \S+ (\S+)"', svg).groups())
+    box = re.search(r'viewBox="\S+ (\S+) \S+ (\S+)"', svg)
+    assert box is not None, "ziamath draws with a viewBox"
+    top, height = float(box[1]), float(box[2])
     spoken, place = html.escape(" ".join(latex.split())), f"vertical-align:{-top - height:.2f}px"
     return svg.replace("<svg ", f'<svg role="img" aria-label="{spoken}" style="{place}" ', 1)
 
