@@ -1,18 +1,29 @@
 # make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
-# make test     lint, types and the test suite
+# make test     lint, types, import contracts and the test suite
 # make bench    speed of the solvers beside named alternatives
-# make validate the longer checks: published numbers on whole datasets
+# make validate the longer checks: published numbers on whole datasets, launchers, LaTeX; installs all that they need
+# make validate-tracking  of these, what a change to tracking, launching or isolation needs: servers, launchers, kills
+# make coverage the test suite with the branches that it covers, printed by module and as HTML in build/coverage
 # make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
 # make docs     the documentation as a site, in build/docs
 # make dist     the wheel and the source distribution, in dist/
 # make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
+# make hooks    run lint, types and import contracts at every commit, by pre-commit
 # make format   what lint and formatting can mend by themselves
 # make clean    remove the environment and everything built; outputs and data stay
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help tables test test-server validate bench fuzz docs dist format clean
+# $(call apt,PACKAGES): install Debian packages where this machine lets us, and go on where it does not
+apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update --quiet=2 && \
+  DEBIAN_FRONTEND=noninteractive apt-get install --quiet=2 --yes --no-install-recommends $(1) >/dev/null; } || \
+  echo "cannot install $(1): what needs it is skipped" >&2
+TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
+
+.PHONY: help tables test check lint types contracts coverage test-server validate validate-tracking browser tex postgres \
+  bench fuzz docs dist hooks format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -21,7 +32,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed; name one with 'make PYTHON=python3.12 ...'" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(PIP) --editable '.[dev,docs]'
 	@touch $@
 
 tables: $(INSTALLED)
@@ -29,46 +40,76 @@ tables: $(INSTALLED)
 	-@$(BIN)/nrsfm run experiment=tables
 	@$(BIN)/nrsfm report --quiet
 
-test: $(INSTALLED)
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+test: check
 	$(BIN)/pytest
 
+check: lint types contracts
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
+	$(BIN)/mypy
+
+contracts: $(INSTALLED)
+	$(BIN)/lint-imports
+
+coverage: $(INSTALLED)
+	$(BIN)/pytest --cov --cov-report=term --cov-report=html:build/coverage
+
 bench: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]'
+	$(PIP) --editable '.[dev,bench]'
 	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
 
-validate: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,ray,server]'
-	$(BIN)/pytest -m slow
+validate: $(INSTALLED) browser tex postgres
+	$(PIP) --editable '.[dev,docs,ray,server,umpm,mat73]'
+	$(BIN)/pytest -m 'slow or tex'
 
-test-server: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,server]'
+# By folder: every test, slow or not, of what starts, follows, kills and records trials.
+TRACKING := tests/harness/sweep tests/harness/tracking tests/harness/trial
+validate-tracking: $(INSTALLED) postgres
+	$(PIP) --editable '.[dev,ray,server]'
+	$(BIN)/pytest -m '' $(TRACKING)
+
+test-server: $(INSTALLED) postgres
+	$(PIP) --editable '.[dev,server]'
 	@$(BIN)/python -c 'import sys; from tests.harness.tracking.servers import postgres_folder as p; sys.exit(p() is None)' || \
-	  { [ "$$(id -u)" = 0 ] && apt-get update --quiet && apt-get install --quiet --yes postgresql; } || \
-	  { echo "PostgreSQL's programs are not there: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
+	  { echo "PostgreSQL's programs are missing: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
 	$(BIN)/pytest -m postgres
+
+browser:
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
+	  $(call apt,chromium)
+
+tex:
+	@{ command -v pdflatex && kpsewhich multirow.sty; } >/dev/null 2>&1 || $(call apt,$(TEX))
+
+postgres: $(INSTALLED)
+	@$(BIN)/python -c 'import sys; from tests.harness.tracking.servers import postgres_folder as p; sys.exit(p() is None)' || \
+	  $(call apt,postgresql)
 
 FUZZ_EXAMPLES ?= 1000
 FUZZ_SECONDS ?= 60
 
 fuzz: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]'
+	$(PIP) --editable '.[dev,fuzz]'
 	FUZZ_EXAMPLES=$(FUZZ_EXAMPLES) $(BIN)/pytest tests/fuzz --numprocesses=0
 	FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m tests.fuzz.coverage
 
 docs: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html --doctree-dir build/doctrees docs build/docs
 	@echo "Open build/docs/index.html"
 
 dist: $(INSTALLED)
 	$(BIN)/python -m build --no-isolation
 
+hooks: $(INSTALLED)
+	$(BIN)/pre-commit install
+
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .coverage .coverage.*

@@ -6,9 +6,10 @@ import json
 import os
 import socket
 import sqlite3
-import stat
+import tempfile
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
@@ -218,10 +219,25 @@ def test_overrides_that_cannot_be_used_are_refused(nrsfm: Shell) -> None:
     assert "workers" in done.stderr
 
 
-def test_a_folder_without_the_right_to_write(settings: Settings, tmp_path: Path) -> None:
-    if os.geteuid() == 0:
-        pytest.skip("root writes everywhere")
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=stat.S_IRUSR | stat.S_IXUSR)
-    (found,) = output(asked(f"output={closed}/out"))
-    assert found.state == PROBLEM
+@contextmanager
+def unprivileged() -> Iterator[None]:
+    """Root, who may write everywhere, acts as another user meanwhile."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+def test_a_folder_without_the_right_to_write() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o555)
+        settings = asked(f"output={name}/out")
+        with unprivileged():
+            (finding,) = output(settings)
+        Path(name).chmod(0o755)
+    assert finding.state == PROBLEM
+    assert "Permission denied" in finding.text
