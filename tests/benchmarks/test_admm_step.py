@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.linalg
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.cameras import orbit
 from nrsfm.methods.multibody.lagrangian import Problem, State
@@ -16,8 +19,13 @@ FRAMES = 100
 def middle(P: int) -> tuple[Problem, State]:
     """A problem of P tracks and a state in the middle of a solve."""
     rng = np.random.default_rng(0)
-    triple = lambda: rng.standard_normal((FRAMES, 3, P))  # noqa: E731
-    square = lambda: rng.standard_normal((P, P)) / P  # noqa: E731
+
+    def triple() -> np.ndarray:
+        return rng.standard_normal((FRAMES, 3, P))
+
+    def square() -> np.ndarray:
+        return rng.standard_normal((P, P)) / P
+
     problem = Problem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
     return problem, State(triple(), triple(), square(), square(), triple(), triple(), square(), np.zeros(P), 1.0)
 
@@ -28,7 +36,7 @@ def structure_by_sylvester(problem: Problem, state: State) -> np.ndarray:
     R = scipy.linalg.block_diag(*problem.cameras)
     flat = {name: getattr(state, name).reshape(3 * F, P) for name in ("shape", "Y1", "Y2")}
     rhs = R.T @ problem.W.reshape(2 * F, P) / b + flat["shape"] + flat["Y1"] / b - flat["Y2"] / b @ M.T
-    return scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs).reshape(F, 3, P)
+    return np.reshape(scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs), (F, 3, P))
 
 
 def code_by_sylvester(problem: Problem, state: State) -> np.ndarray:
@@ -36,10 +44,11 @@ def code_by_sylvester(problem: Problem, state: State) -> np.ndarray:
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
     K = S.T @ S + ones
     rhs = K + S.T @ Y2 / b + state.E - state.Y3 / b - np.outer(np.ones(P), state.Y4) / b
-    return scipy.linalg.solve_sylvester(K, np.eye(P), rhs)
+    return np.asarray(scipy.linalg.solve_sylvester(K, np.eye(P), rhs))
 
 
-STEPS = {
+Step = Callable[[Problem, State], np.ndarray]
+STEPS: dict[str, tuple[Step, Step]] = {
     "structure": (lambda p, s: p.structure_step(s), structure_by_sylvester),
     "code": (lambda p, s: p.code_step(s), code_by_sylvester),
 }
@@ -48,12 +57,12 @@ STEPS = {
 @pytest.mark.parametrize("P", SIZES)
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("kind", ["closed form", "sylvester"])
-def test_step(benchmark, step: str, P: int, kind: str) -> None:
+def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None:
     benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
     solve = STEPS[step][kind == "sylvester"]
-    found = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
-    np.testing.assert_allclose(found, STEPS[step][0](problem, state), atol=1e-7)
+    solution = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
+    np.testing.assert_allclose(solution, STEPS[step][0](problem, state), atol=1e-7)
 
 
 def unavoidable(problem: Problem, state: State) -> None:
@@ -81,8 +90,14 @@ def unavoidable(problem: Problem, state: State) -> None:
 
 @pytest.mark.parametrize("P", SIZES)
 @pytest.mark.parametrize("kind", ["iteration", "its BLAS calls"])
-def test_iteration(benchmark, P: int, kind: str) -> None:
+def test_iteration(benchmark: BenchmarkFixture, P: int, kind: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
-    run = problem.iterate if kind == "iteration" else lambda s: unavoidable(problem, s)
-    benchmark.pedantic(run, (state,), rounds=5, warmup_rounds=1)
+
+    def run() -> None:
+        if kind == "iteration":
+            problem.iterate(state)
+        else:
+            unavoidable(problem, state)
+
+    benchmark.pedantic(run, rounds=5, warmup_rounds=1)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.methods.base import standardise
@@ -29,6 +30,7 @@ def middle(P: int) -> tuple[ImplicitProblem, State]:
     """60 iterations into a solve of two surfaces, b = .3."""
     scene = procedural.load_scene(["face", "heart"], [P // 2, P - P // 2], FRAMES, 0, name="surfaces")
     W = standardise(scene.tracks).W
+    assert scene.cameras is not None
     problem = ImplicitProblem(W, scene.cameras, 3e-3, 0.1, **FORMS["implicit, single"])
     state = problem.start(1e-3)
     for _ in range(60):
@@ -56,7 +58,7 @@ def structure(P: int) -> np.ndarray:
 
 @pytest.mark.parametrize("P", [1000, 3275])
 @pytest.mark.parametrize("form", ["dense", *FORMS])
-def test_iteration(benchmark, P: int, form: str) -> None:
+def test_iteration(benchmark: BenchmarkFixture, P: int, form: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
     problem, state = densified(P) if form == "dense" else middle(P)
     if isinstance(problem, ImplicitProblem):

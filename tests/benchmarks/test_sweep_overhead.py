@@ -99,6 +99,7 @@ def measure(benchmark: BenchmarkFixture, command: list[str], cores: int, clean: 
         assert done.returncode == 0, done.stderr[-2000:]
 
     benchmark.pedantic(run, setup=start, rounds=3)
+    assert benchmark.stats is not None
     benchmark.extra_info["seconds a trial"] = round(benchmark.stats.stats.min / TRIALS, 4)
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+CONF = ROOT / "src/nrsfm/conf"
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")))
 PAGES += ["examples/nrsfm-example/README.md"]
 PROGRAMS = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -26,7 +25,9 @@ from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.settings import read
 from nrsfm.harness.config.spans import expand, spanned
 from nrsfm.methods.registry import build_method
+from tests.checkout import copy_checkout
 from tests.documents.documents import (
+    CONF,
     PAGES,
     PROGRAMS,
     ROOT,
@@ -108,7 +109,7 @@ def _compose(verb: str, words: list[str]) -> None:
     names = [word for word in words if verb == "report" and re.fullmatch(r"\w+", word) and "." not in word]
     if verb in ("list", "new", "sync", "ui", "doctor", "completion") or any(own in " ".join(words) for own in OWN):
         return
-    for own in [[f"experiment={name}"] for name in names if (ROOT / f"conf/experiment/{name}.yaml").exists()] or [[]]:
+    for own in [[f"experiment={name}"] for name in names if (CONF / f"experiment/{name}.yaml").exists()] or [[]]:
         _make((*own, *overrides))
 
 
@@ -128,6 +129,7 @@ QUICK = [command for command in ONCE if (found := rule(command)) and found.quick
 def write_tracks(folder: Path) -> None:
     """The tracks.npz, tracks.mat and tracks.csv that pages speak of."""
     scene = procedural.load_scene(["person", "face"], 15, 40, 0, name="tracks", placement="paper")
+    assert scene.labels is not None
     np.savez(folder / "tracks.npz", tracks=scene.tracks, labels=scene.labels)
     savemat(folder / "tracks.mat", {"W": scene.tracks.reshape(-1, scene.n_points)})
     rows = [
@@ -159,7 +161,6 @@ def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> 
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -187,9 +188,9 @@ def test_keys_that_the_pages_name_are_there() -> None:
 def _keys() -> tuple[set[str], dict[str, set[str]]]:
     """Every key of the configuration by its full name, and the choices of each group."""
     choices: dict[str, set[str]] = {}
-    known = _flat("", yaml.safe_load((ROOT / "conf/config.yaml").read_text()))
+    known = _flat("", yaml.safe_load((CONF / "config.yaml").read_text()))
     parts = {}
-    for path in sorted((ROOT / "conf").glob("*/*.yaml")):
+    for path in sorted(CONF.glob("*/*.yaml")):
         group = path.parent.name
         choices.setdefault(group, set()).add(path.stem)
         own = _flat("", yaml.safe_load(path.read_text()) or {})
@@ -233,18 +234,15 @@ def test_trials_are_as_many_as_is_said(page: str, text: str, number: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
+@pytest.mark.timeout(7200)
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_commands_run(page: str, environment: dict[str, str], tmp_path: Path) -> None:
     """A page's commands, in its order, in a shell at the root of a copy of this checkout.
 
-    ``harness`` and ``pytest`` are those of this interpreter; ``pip`` installs into a folder of the test's own.
+    ``nrsfm`` and ``pytest`` are those of this interpreter; ``pip`` installs into a folder of the test's own.
     """
     root, programs, site = tmp_path / "checkout", tmp_path / "bin", tmp_path / "site"
-    for part in ("harness", "methods", "datasets", "reports", "conf", "docs", "examples", "tests"):
-        shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("__pycache__"))
-    for path in (p for p in ROOT.iterdir() if p.is_file()):
-        shutil.copy(path, root)
+    copy_checkout(root)
     programs.mkdir()
     write_tracks(root)
     pip = f"pip install --quiet --no-deps --no-build-isolation --no-index --target {site}"
@@ -256,7 +254,7 @@ def test_commands_run(page: str, environment: dict[str, str], tmp_path: Path) ->
     real = os.environ.get("NRSFM_DATA")
     variables = environment | {
         "PATH": f"{programs}{os.pathsep}{environment['PATH']}",
-        "PYTHONPATH": os.pathsep.join(map(str, (root, site))),
+        "PYTHONPATH": os.pathsep.join(map(str, (root / "src", root, site))),
         "NRSFM_DATA": real or environment["NRSFM_DATA"],
     }
     for command in commands(page):
@@ -266,7 +264,7 @@ def test_commands_run(page: str, environment: dict[str, str], tmp_path: Path) ->
             continue
         text = f"{command.text} {found.part}"
         done = subprocess.run(
-            ["bash", "-c", text], env=variables, cwd=root, capture_output=True, text=True, timeout=900, check=False
+            ["bash", "-c", text], env=variables, cwd=root, capture_output=True, text=True, check=False
         )
         assert done.returncode in found.codes, (text, done.stdout[-2000:], done.stderr[-2000:])
         assert "Traceback" not in done.stderr, (text, done.stderr)

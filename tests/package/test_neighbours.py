@@ -141,4 +141,4 @@ def test_the_public_names_are_listed() -> None:
     assert {"__version__", "load", "solve", *nrsfm.__all__} <= set(dir(nrsfm))
     assert all(getattr(nrsfm, name) for name in nrsfm.__all__)
     with pytest.raises(AttributeError, match="no attribute 'lode'"):
-        nrsfm.lode  # type: ignore[attr-defined]  # noqa: B018
+        nrsfm.lode  # noqa: B018
