@@ -190,7 +190,7 @@ ANY = r"(?: .*)?"
 CLUSTER = "it needs a cluster, or a server: test_cluster.py runs it with programs that stand in for those"
 RULES = (
     # what cannot run on a test machine
-    Rule(r"make \w+", never="it makes an environment of its own, or is the tests themselves"),
+    Rule(r"make [\w-]+", never="it makes an environment of its own, or is the tests themselves"),
     Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"nrsfm data get" + ANY, never="it downloads"),
     Rule(r"python -m tests.fuzz.coverage .*", never="it takes as many minutes as there are readers, and an extra"),
