@@ -28,6 +28,7 @@ from nrsfm.harness.record.folder import (
     write_atomically,
 )
 from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.tracking import store
 
@@ -170,7 +171,7 @@ class Tracker:
             client.log_batch(
                 run_id,
                 metrics=points[:1000],
-                params=[Param(k, _clean(v)) for k, v in flatten(outcome.parameters).items()],
+                params=[Param(k, _clean(str(v))) for k, v in flatten(outcome.parameters).items()],
                 tags=[RunTag(k, v) for k, v in (_pieces(outcome) | {"finished": outcome.finished}).items()],
             )
             self._note(outcome, folder)
@@ -259,17 +260,6 @@ class Tracker:
             elif not self.holds(outcome, folder):
                 self._note(outcome, folder)
         return written, trouble
-
-
-def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Nested settings as ``method.clusterer.alpha: "800.0"``."""
-    flat: dict[str, str] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = str(value)
-    return flat
 
 
 def _tags(outcome: Outcome) -> dict[str, str]:
