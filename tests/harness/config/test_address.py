@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
 
 from nrsfm.harness.config.address import PASSWORD, USER, shown, split, words
+from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.tracking import writer
 from nrsfm.harness.tracking.tracker import Tracker
 from tests.shell import TINY, Shell, records
@@ -108,7 +112,7 @@ def stuck() -> Iterator[Callable[[float], str]]:
 def test_a_server_that_does_not_get_done_is_given_up(
     nrsfm: Shell, stuck: Callable[[float], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pace: float
 ) -> None:
-    monkeypatch.setattr(writer, "PATIENCE", 0.5)
+    monkeypatch.setattr(writer, "RETRY_AFTER", 0.5)
     monkeypatch.setattr(writer, "SILENCE", 4.0)
     address, since = stuck(pace), time.monotonic()
     done = nrsfm("run", *TINY, "tracking=server", f"tracking.uri={address}")
@@ -122,18 +126,35 @@ def test_a_server_that_does_not_get_done_is_given_up(
 
 
 @pytest.mark.slow
-def test_a_trial_that_no_tracker_takes_keeps_none_of_the_others_away(
-    nrsfm: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("lost", [False, True], ids=["damaged", "deadly"])
+def test_trials_that_no_tracker_takes_keep_none_of_the_others_away(
+    nrsfm: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: bool
 ) -> None:
-    """A damaged file among a trial's own stands for whatever is wrong with one trial alone."""
-    monkeypatch.setattr(writer, "PATIENCE", 0.5)
+    """Two trials have a damaged file; or the writer's process dies of one trial."""
+    monkeypatch.setattr(writer, "RETRY_AFTER", 0.5)
     assert nrsfm("run", "-m", *TINY, "dataset.seed=range(5)").returncode == 0
     for path in (tmp_path / "out").glob("mlflow.db*"):
         path.unlink()
-    damaged = sorted((tmp_path / "out/trials").glob("*/arrays.npz"))[0]
-    damaged.write_bytes(b"no archive")
+    damaged = sorted((tmp_path / "out/trials").glob("*/arrays.npz"))[: 1 if lost else 2]
+    for path in damaged:
+        path.write_bytes(b"no archive")
+    if lost:
+        monkeypatch.setattr(writer, "_serve", partial(dying, damaged[0].parent.name))
     done = nrsfm("run", "-m", *TINY, "dataset.seed=range(5)")
     assert done.returncode == 2
     assert "the trials are safe" in done.stderr
     held = {t.outcome.key for t in Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").outcomes()}
-    assert held == records(tmp_path).keys() - {damaged.parent.name}
+    assert held == records(tmp_path).keys() - {path.parent.name for path in damaged}
+
+
+def dying(deadly: str, pipe: Connection) -> None:
+    """The writer's process, which one trial ends."""
+
+    def log(tracker: Tracker, outcome: Outcome, folder: Path) -> str:
+        if outcome.key == deadly:
+            os._exit(1)
+        return written(tracker, outcome, folder)
+
+    written, serve = Tracker.log, writer._serve
+    Tracker.log = log  # type: ignore[method-assign]
+    serve(pipe)
