@@ -13,13 +13,13 @@ from omegaconf import OmegaConf
 from nrsfm.harness.cli.parser import Parser
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.gate.baseline import Baseline
-from nrsfm.harness.gate.compare import compare, tolerances
-from nrsfm.harness.gate.comparison import show
-from nrsfm.harness.gate.formats import FORMATS, Gate
+from nrsfm.harness.gate.comparison import Gate, compare
+from nrsfm.harness.gate.formats import FORMATS, show
+from nrsfm.harness.gate.tolerance import tolerances
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.tracking.answers import answers
+from nrsfm.harness.tracking.runs import answers
 from nrsfm.reports.layouts.baseline import published
 
 

@@ -49,6 +49,7 @@ class Writer:
 
     def __init__(self, settings: Settings, ready: Connection | None = None) -> None:
         self._settings = settings
+        self._uri = shown(settings.tracking_uri)
         self._tracker_error = ""
         self._damaged = ""  # the first error of a trial's own files
         self._waiting: dict[str, None] = {}  # keys not written yet, in order
@@ -91,7 +92,7 @@ class Writer:
             self.tend()
             self._receive(0.5)
             if time.monotonic() - self._last_answer > SILENCE:
-                self._tracker_error = f"tracker {shown(self._settings.tracking_uri)}: it took no trial for {SILENCE:g} s"
+                self._tracker_error = f"tracker {self._uri}: it took no trial for {SILENCE:g} s"
                 break
         for pipe in (self._pipe, self._ready):
             if pipe is not None:
@@ -137,7 +138,7 @@ class Writer:
         self._sent = []
         self._lives -= 1
         if not self._lives:
-            self._tracker_error = f"tracker {shown(self._settings.tracking_uri)}: its writer was lost {LIVES} times"
+            self._tracker_error = f"tracker {self._uri}: its writer was lost {LIVES} times"
 
 
 def prepare() -> Connection:
