@@ -13,13 +13,14 @@ from omegaconf import OmegaConf
 from nrsfm.harness.cli.parser import Parser
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.gate.baseline import Baseline
-from nrsfm.harness.gate.compare import compare, tolerances
-from nrsfm.harness.gate.comparison import show
-from nrsfm.harness.gate.formats import FORMATS, Gate
+from nrsfm.harness.gate.comparison import Gate, compare
+from nrsfm.harness.gate.formats import FORMATS, show
+from nrsfm.harness.gate.tolerance import tolerances
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.tracking.answers import answers
+from nrsfm.harness.tracking.runs import answers
+from nrsfm.reports.layouts.baseline import published
 
 
 def main(argv: Sequence[str]) -> int:
@@ -34,7 +35,7 @@ def main(argv: Sequence[str]) -> int:
     overrides = _with_experiment(given.overrides)
     settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
     against, outcomes = str(settings["against"]), measured(overrides)
-    paper = compare(None, outcomes, against="published")
+    paper = compare(published(outcomes), outcomes, against="published")
     if against == "blessed":
         baseline = Baseline.read(locate(str(settings["baseline"])))
         own = compare(baseline, outcomes, tolerances(settings["tolerances"]))

@@ -18,8 +18,8 @@ from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.outcome import ABSENT, OK
 from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
-from nrsfm.harness.tracking.answers import Store, answers
-from nrsfm.harness.tracking.arrays import Arrays
+from nrsfm.harness.tracking.artifacts import Arrays
+from nrsfm.harness.tracking.runs import Runs, answers
 from nrsfm.reports.claims import claims
 from nrsfm.reports.claims.findings import Evidence, Judged
 from nrsfm.reports.figures.catalogue import charts
@@ -101,7 +101,7 @@ def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report,
         If an experiment or override is unknown, or the tracker cannot be reached.
     """
     found: dict[str, Sequence[Answer]] = {}
-    store: Store | None = None
+    store: Runs | None = None
     with configurations():
         for name in names:
             found[name], settings, store = answers([f"experiment={name}", *overrides], store)

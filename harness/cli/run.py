@@ -90,7 +90,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
     """Print the tables that a sweep of these trials has just filled."""
-    from nrsfm.harness.tracking.answers import recorded
+    from nrsfm.harness.tracking.runs import recorded
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.layouts.paper import FILLS
     from nrsfm.reports.layouts.sweep import span

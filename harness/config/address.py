@@ -1,4 +1,4 @@
-"""A tracker's address: its login is kept apart and shown nowhere, and its errors become one line each."""
+"""A tracker's address, whose login is kept apart and never shown."""
 
 from __future__ import annotations
 
@@ -21,16 +21,6 @@ _VARIABLE = r"\$\{oc\.env:\w+(,null)?\}"
 
 
 _UNTOLD = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):{_VARIABLE}@[^@]*")  # how a login may be written
-
-
-_SAID = (  # by a server's client, in plain words
-    (r"NewConnectionError.*refused", "nobody answers there; is the server running?"),
-    (r"NameResolutionError|NoSuchHost", "there is no machine of this name"),
-    (r"[Tt]imed out|[Tt]imeout", "it did not answer in time; MLFLOW_HTTP_REQUEST_TIMEOUT allows more seconds"),
-    (r"RemoteDisconnected|Connection aborted|ConnectionReset|ProtocolError", "it broke the connection off"),
-    (r"error code 401|401 Client Error", f"it does not know this user; set {USER} and {PASSWORD}"),
-    (r"too many (5\d\d)", "it answers that it has an error of its own (status {}); its log says more"),
-)
 
 
 def is_server(uri: str) -> bool:
@@ -70,12 +60,3 @@ def split(uri: str) -> tuple[str, Mapping[str, str]]:
 def shown(text: str) -> str:
     """A text, of one line or more, without the logins of its addresses."""
     return re.sub(r"(?<=://)[^\n]*@", "", text)
-
-
-def words(error: BaseException, uri: str) -> str:
-    """What an error of the tracker at ``uri`` says, on one line."""
-    text = shown(" ".join(str(error).split()))
-    for pattern, said in _SAID if is_server(uri) else ():
-        if found := re.search(pattern, text):
-            return said.format(*found.groups())
-    return f"{type(error).__name__}: {text[:300]}"

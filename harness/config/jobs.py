@@ -128,9 +128,9 @@ class _Base:
         """None where what interpolations say depends on values that are missing, or on names that they make up."""
         try:
             plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
-        except OmegaConfBaseException:
+            _check_secrets(cfg, plain)
+        except (OmegaConfBaseException, UsageError):  # the values of a job, such as tracking.uri, may put it right
             return None
-        _check_secrets(cfg, plain)
         written = [text for _, text in _texts(OmegaConf.to_container(cfg, resolve=False)) if "${" in text]
         if any("${${" in text for text in written):
             return None

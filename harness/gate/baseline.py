@@ -1,4 +1,4 @@
-"""Blessed numbers: a committed file of what measured runs gave, why they were accepted, and when."""
+"""Baselines: committed files of measured numbers that were accepted, with the reason and the date."""
 
 from __future__ import annotations
 
@@ -9,47 +9,40 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from nrsfm.harness.gate.untrusted import Fields, is_date, load
+from nrsfm.harness.gate.schema import SCHEMA, BaselineFile, Cell, is_date, parse, read_file
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
-from nrsfm.harness.record.outcome import OK, STATUSES, Outcome
-
-SCHEMA = 2
-
-
-LARGEST_REASON = 2000
-
+from nrsfm.harness.record.outcome import OK, Outcome
 
 BLESSED = ("n_wrong", "e_3d", "e_3d_total", "e_3d_centred", "e_3d_procrustes", "e_3d_dai", "e_r")
-"""Metrics that a baseline keeps. ``n_wrong`` stands for e_ms, so that no share of tracks is rounded."""
-
+"""Metrics that a baseline keeps; ``n_wrong``, a count of tracks, in place of the share e_ms, which would be rounded."""
 
 Key = tuple[str, str, str, str, str, float, str, bool]
 
 
 def rounded(value: float) -> float:
-    """To the six significant digits that a baseline keeps."""
+    """A value to the six significant digits that a baseline keeps."""
     return float(f"{value:.6g}")
 
 
 @dataclass(frozen=True)
 class Blessed:
-    """What a reader calls one row of a table's method, and its numbers: the mean over the noise's draws.
+    """A row of a baseline: one method on one scene, each metric averaged over the noise draws.
 
     Parameters
     ----------
     dataset, method, cameras, placement, motion, level, gaps
         As in :class:`nrsfm.harness.record.outcome.Outcome`.
     stand_in : bool
-        Measured on generated data; never compared with real data.
+        Whether it was measured on generated data, which is never compared with real data.
     status : str
-        As in the trials' records, of one that did not finish if there is any; only ``ok`` rows have metrics.
+        ``ok``, or the status of a draw that did not finish; only ``ok`` rows have metrics.
     n_points : int or None
         Tracks of the scene.
     metrics, spreads : dict
         Means and sample standard deviations over the draws, to six significant digits.
     trials : tuple of str
-        The draws' trial keys.
+        Trial keys of the draws.
     """
 
     dataset: str
@@ -68,26 +61,26 @@ class Blessed:
 
     @property
     def key(self) -> Key:
-        """Real and generated data make two rows."""
+        """Identity of the row; real and generated data make two rows."""
         words = (self.dataset, self.method, self.cameras, self.placement, self.motion)
         return (*words, self.level, self.gaps, self.stand_in)
 
     @property
     def other(self) -> Key:
-        """The key of the same row on the other kind of data."""
+        """Key of the same row on generated data where this one is on real data, and the reverse."""
         return (*self.key[:-1], not self.stand_in)
 
     @property
     def title(self) -> str:
         """``dance_yoga ours (cameras known, placement paper, motion registered)``."""
-        said = [f"{name} {word}" for name in ("cameras", "placement", "motion") if (word := getattr(self, name))]
-        said += [f"noise {self.level:g}"] * bool(self.level) + [f"gaps {self.gaps}"] * bool(self.gaps)
-        said += ["stand-in"] * self.stand_in
-        return f"{self.dataset} {self.method} ({', '.join(said)})"
+        words = [f"{name} {word}" for name in ("cameras", "placement", "motion") if (word := getattr(self, name))]
+        words += [f"noise {self.level:g}"] * bool(self.level) + [f"gaps {self.gaps}"] * bool(self.gaps)
+        words += ["stand-in"] * self.stand_in
+        return f"{self.dataset} {self.method} ({', '.join(words)})"
 
     @classmethod
     def of(cls, draws: Sequence[Outcome], metrics: Sequence[str] | None = BLESSED) -> Blessed:
-        """The outcomes of one row, a draw each; ``metrics`` None keeps all that every draw has."""
+        """The row of some outcomes, one a draw; ``metrics`` None keeps every metric that all draws have."""
         first = draws[0]
         status = next((o.status for o in draws if o.status != OK), OK)
         values: dict[str, list[float]] = {}
@@ -95,25 +88,36 @@ class Blessed:
             names = [name for name in first.metrics if all(name in o.metrics for o in draws)]
             values = {n: [o.metrics[n] for o in draws] for n in names if metrics is None or n in metrics}
         return cls(
-            first.dataset,
-            first.method,
-            first.cameras,
-            first.placement,
-            first.motion,
-            float(first.level),
-            first.gaps,
-            first.stand_in,
-            status,
-            first.n_points if len({o.n_points for o in draws}) == 1 else None,
-            {name: rounded(statistics.fmean(v)) for name, v in values.items()},
-            {name: rounded(statistics.stdev(v) if len(v) > 1 else 0.0) for name, v in values.items()},
-            tuple(sorted(o.key for o in draws)),
+            dataset=first.dataset,
+            method=first.method,
+            cameras=first.cameras,
+            placement=first.placement,
+            motion=first.motion,
+            level=float(first.level),
+            gaps=first.gaps,
+            stand_in=first.stand_in,
+            status=status,
+            n_points=first.n_points if len({o.n_points for o in draws}) == 1 else None,
+            metrics={name: rounded(statistics.fmean(v)) for name, v in values.items()},
+            spreads={name: rounded(statistics.stdev(v) if len(v) > 1 else 0.0) for name, v in values.items()},
+            trials=tuple(sorted(o.key for o in draws)),
+        )
+
+    @classmethod
+    def of_cell(cls, cell: Cell) -> Blessed:
+        """A row with the one metric of a cell."""
+        numbers = {"metric", "value", "spread", "count", "trials"}
+        return cls(
+            **cell.model_dump(exclude=numbers),
+            metrics={} if cell.metric is None or cell.value is None else {cell.metric: cell.value},
+            spreads={} if cell.metric is None or cell.spread is None else {cell.metric: cell.spread},
+            trials=tuple(cell.trials),
         )
 
     def cells(self) -> list[dict[str, Any]]:
-        """One flat record a metric; one without a number for a row that did not finish."""
-        words = ("dataset", "method", "cameras", "placement", "motion", "level", "stand_in", "status", "n_points")
-        shared = {name: getattr(self, name) for name in words if getattr(self, name) is not None}
+        """The row as it stands in the file: a flat record a metric, or one without a number if it did not finish."""
+        names = ("dataset", "method", "cameras", "placement", "motion", "level", "stand_in", "status", "n_points")
+        shared = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         shared |= {"gaps": self.gaps} if self.gaps else {}
         behind = {"count": len(self.trials), "trials": list(self.trials)}
         numbers = [
@@ -125,7 +129,7 @@ class Blessed:
 
 @dataclass(frozen=True)
 class Baseline:
-    """What :func:`bless` wrote: the reason and date of the last blessing, earlier ones, and the rows."""
+    """A baseline file: its rows, the reason and date of the last blessing, and earlier (date, reason) pairs."""
 
     reason: str
     date: str
@@ -133,7 +137,7 @@ class Baseline:
     history: tuple[tuple[str, str], ...] = ()
 
     def to_json(self) -> str:
-        """One line a cell, sorted and rounded: the same rows give the same bytes, and a review reads line by line."""
+        """The file's text: a line a cell, sorted, so that the same rows give the same bytes and a diff shows cells."""
         head = {
             "schema": SCHEMA,
             "reason": self.reason,
@@ -146,23 +150,34 @@ class Baseline:
 
     @classmethod
     def read(cls, path: Path) -> Baseline:
-        """Read a baseline file, trusting nothing in it.
+        """Read a file; raises UsageError as :func:`nrsfm.harness.gate.schema.read_file`."""
+        return cls._of_file(path, read_file(path))
 
-        Raises
-        ------
-        UsageError
-            Naming the file and the field, if it is missing, too large, not JSON or not a baseline.
-        """
-        return _baseline(Fields(path, load(path, remedy="make it with 'nrsfm bless'")))
+    @classmethod
+    def _of_file(cls, path: Path, file: BaselineFile) -> Baseline:
+        """Join the cells of each row."""
+        rows: dict[Key, Blessed] = {}
+        for i, cell in enumerate(file.rows):
+            row = Blessed.of_cell(cell)
+            known = rows.get(row.key)
+            if known is not None:
+                if not row.metrics or row.metrics.keys() <= known.metrics.keys():
+                    raise UsageError(f"{path}: rows[{i}] {row.title} stands twice; remove one")
+                if replace(row, metrics={}, spreads={}) != replace(known, metrics={}, spreads={}):
+                    raise UsageError(f"{path}: rows[{i}] {row.title} is not of the same trials as its other cells")
+                row = replace(row, metrics=known.metrics | row.metrics, spreads=known.spreads | row.spreads)
+            rows[row.key] = row
+        history = tuple((entry.date, entry.reason) for entry in file.history)
+        return cls(file.reason, file.date, tuple(rows.values()), history)
 
 
 def index(outcomes: Iterable[Outcome], metrics: Sequence[str] | None = BLESSED) -> dict[Key, Blessed]:
-    """Outcomes as rows by :attr:`Blessed.key`, the draws of one row together.
+    """Rows by :attr:`Blessed.key`, each over the noise draws among the outcomes.
 
     Raises
     ------
     UsageError
-        If a draw is there twice: the runs differ in the method's settings alone, which no baseline names.
+        If two outcomes are the same draw: they differ in the method's settings, which a baseline does not hold.
     """
     groups: dict[Key, dict[int, Outcome]] = {}
     for outcome in {outcome.key: outcome for outcome in outcomes}.values():
@@ -177,16 +192,15 @@ def index(outcomes: Iterable[Outcome], metrics: Sequence[str] | None = BLESSED) 
 def bless(
     outcomes: Iterable[Outcome], path: Path, reason: str, date: str, metrics: Sequence[str] = BLESSED
 ) -> Baseline:
-    """Make measured outcomes the baseline, in place of whatever the file held.
+    """Replace a baseline file by measured outcomes; its earlier reasons stay as history.
 
     Parameters
     ----------
     outcomes : iterable of Outcome
         All rows of the new baseline; failed ones are kept with their status.
     path : Path
-        The file; its earlier reasons are carried over as history.
     reason : str
-        Why these numbers are right; must not be empty.
+        Why these numbers are right.
     date : str
         Day of the blessing, YYYY-MM-DD.
     metrics : sequence of str
@@ -195,8 +209,8 @@ def bless(
     Raises
     ------
     UsageError
-        If the reason is empty, the date is none, there is nothing to bless, two outcomes have one identity, or
-        the file that is there cannot be read.
+        If the reason is empty, the date is not a day, there are no outcomes, two outcomes are the same draw, or the
+        present file cannot be read.
     """
     reason = " ".join(reason.split())
     if not reason:
@@ -210,73 +224,9 @@ def bless(
     history = (*before.history, (before.date, before.reason)) if before else ()
     baseline = Baseline(reason, date, rows, history)
     text = baseline.to_json()
-    _baseline(Fields(path, json.loads(text)))  # nothing is written that could not be read again
+    Baseline._of_file(path, parse(path, text))  # nothing is written that could not be read again
     try:
         write_text(path, text)
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from None
     return replace(baseline, rows=tuple(sorted(rows, key=lambda row: row.key)))
-
-
-def _baseline(file: Fields) -> Baseline:
-    """Every field checked; the first that is wrong is named."""
-    file.only(("schema", "reason", "date", "rows"), ("history",))
-    if (schema := file.count("schema")) != SCHEMA:
-        file.wrong("schema", f"is {schema}, this version reads {SCHEMA}; bless anew")
-    rows: dict[Key, Blessed] = {}
-    for fields in file.objects("rows"):
-        cell = _cell(fields)
-        row = rows.get(cell.key)
-        if row is not None:
-            if not cell.metrics or cell.metrics.keys() <= row.metrics.keys():
-                file.wrong(fields.where, f"{cell.title} stands twice")
-            if replace(cell, metrics={}, spreads={}) != replace(row, metrics={}, spreads={}):
-                file.wrong(fields.where, f"{cell.title} is not of the same trials as its other cells")
-            cell = replace(row, metrics=row.metrics | cell.metrics, spreads=row.spreads | cell.spreads)
-        rows[cell.key] = cell
-    if not rows:
-        file.wrong("rows", "is empty")
-    history = []
-    for entry in file.objects("history"):
-        entry.only(("date", "reason"))
-        history.append((entry.day("date"), entry.text("reason", LARGEST_REASON)))
-    return Baseline(file.text("reason", LARGEST_REASON), file.day("date"), tuple(rows.values()), tuple(history))
-
-
-def _cell(row: Fields) -> Blessed:
-    """A row with one metric at most."""
-    words = ("dataset", "method", "cameras", "placement", "motion")
-    numbers = ("metric", "value", "spread")
-    row.only((*words, "level", "stand_in", "status", "count", "trials"), ("gaps", *numbers, "n_points"))
-    status = row.text("status")
-    if status not in STATUSES:
-        row.wrong("status", f"is {status!r}, wanted one of {', '.join(STATUSES)}")
-    if ("metric" in row.data) != (status == OK):
-        row.wrong("metric", f"{'is there' if status != OK else 'is missing'}, and the status is {status}")
-    metrics, spreads = {}, {}
-    if status == OK:
-        row.only((*words, "level", "stand_in", "status", "count", "trials", *numbers), ("gaps", "n_points"))
-        name = row.text("metric", 60)
-        if not name.isidentifier():
-            row.wrong("metric", f"is {name!r}, wanted a metric's name")
-        metrics, spreads = {name: row.number("value")}, {name: row.number("spread")}
-    blessed = Blessed(
-        dataset=row.text("dataset"),
-        method=row.text("method"),
-        cameras=row.text("cameras"),
-        placement=row.text("placement", empty=True),
-        motion=row.text("motion", empty=True),
-        level=row.number("level"),
-        gaps=row.text("gaps") if "gaps" in row.data else "",
-        stand_in=row.flag("stand_in"),
-        status=status,
-        n_points=row.count("n_points") if "n_points" in row.data else None,
-        metrics=metrics,
-        spreads=spreads,
-        trials=tuple(row.texts("trials")),
-    )
-    if row.count("count") != len(blessed.trials):
-        row.wrong("count", f"is {row.data['count']}, and there are {len(blessed.trials)} trials")
-    if blessed.n_points is not None and blessed.metrics.get("n_wrong", 0) > blessed.n_points:
-        row.wrong("value", f"is above the {blessed.n_points} tracks of the scene")
-    return blessed

@@ -1,19 +1,21 @@
-"""What a comparison found: a line for each row and metric, its exit code, and how a terminal tells it."""
+"""Comparison of measured numbers with a baseline, blessed or published: a verdict a metric, and the exit code."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from nrsfm.harness.gate.baseline import Baseline, Blessed, index
+from nrsfm.harness.gate.tolerance import BLESSED_TOLERANCES, PUBLISHED_TOLERANCES, Tolerance, tolerance_of
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.harness.record.text import one_line
 
 
 class State(StrEnum):
-    """Verdict on one cell: passed within its tolerance, improved or regressed beyond it, or not compared."""
+    """Verdict on one metric: within its tolerance, improved or regressed beyond it, or not compared."""
 
     PASS = "pass"
     IMPROVED = "improved"
@@ -25,18 +27,20 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Line:
-    """One metric of one row.
+    """The verdict on one metric of one row.
 
     Parameters
     ----------
     row, metric : str
-        ``n_wrong`` is in tracks, of ``n_points``; ``status`` compares how trials ended.
+        The metric is "" for a verdict on the whole row, ``status`` for one on how its trials ended.
     state : State
-    baseline, measured, slack : float or None
-        Slack is how far above the baseline still counts as the same.
+    baseline, measured : float or None
+        ``n_wrong`` is a count of tracks, of ``n_points``.
+    slack : float or None
+        How far above the baseline a value still passes.
     n_points : int or None
     why : str
-        For rows that could not be compared.
+        Why the row could not be compared.
     """
 
     row: str
@@ -50,6 +54,7 @@ class Line:
 
     @property
     def bad(self) -> bool:
+        """Whether it makes a gate fail."""
         return self.state in (State.REGRESSED, State.MISSING, State.FAILED)
 
     @property
@@ -59,7 +64,7 @@ class Line:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Row, metric, verdict, baseline, measured, allowed and why, a dash for what there is not."""
+        """Row, metric, verdict, baseline, measured, allowed and why; a dash for an absent value."""
         numbers = ("–" if value is None else f"{value:.6g}" for value in (self.baseline, self.measured, self.allowed))
         return (self.row, self.metric or "–", str(self.state), *numbers, self.why or "–")
 
@@ -67,33 +72,35 @@ class Line:
     def text(self) -> str:
         """``dance_yoga ours (...): e_3d regressed: 0.0318 -> 0.0402, up to 0.0334 allowed``."""
         name = {"n_wrong": "wrong tracks"}.get(self.metric, self.metric)
-        said = f"{self.row}: {name} {self.state}" if self.metric else f"{self.row}: {self.state}"
+        text = f"{self.row}: {name} {self.state}" if self.metric else f"{self.row}: {self.state}"
         if self.baseline is not None and self.measured is not None:
             of = f" of {self.n_points}" if self.metric == "n_wrong" and self.n_points else ""
-            said += f": {self.baseline:g} -> {self.measured:g}{of}"
+            text += f": {self.baseline:g} -> {self.measured:g}{of}"
             if self.bad and self.allowed is not None:
-                said += f", up to {self.allowed:.4g} allowed"
-        return f"{said}: {self.why}" if self.why else said
+                text += f", up to {self.allowed:.4g} allowed"
+        return f"{text}: {self.why}" if self.why else text
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """All lines, and what they amount to."""
+    """The verdicts on all rows, and the name of the baseline."""
 
     against: str
     lines: tuple[Line, ...]
 
     @property
     def counts(self) -> Counter[State]:
+        """Lines by verdict."""
         return Counter(line.state for line in self.lines)
 
     @property
     def bad(self) -> tuple[Line, ...]:
+        """Lines that make a gate fail."""
         return tuple(line for line in self.lines if line.bad)
 
     @property
     def code(self) -> int:
-        """0 ok, 1 worse, 2 missing or failed, which wins over worse; nothing compared counts as missing."""
+        """Exit code: 2 if a line is missing or failed or nothing was compared, else 1 if one regressed, else 0."""
         counts = self.counts
         if counts[State.MISSING] or counts[State.FAILED] or not set(counts) - {State.NEW}:
             return 2
@@ -101,59 +108,129 @@ class Comparison:
 
     @property
     def summary(self) -> str:
+        """``Against the blessed baseline: 12 pass, 1 regressed.``"""
         counts = self.counts
-        said = ", ".join(f"{counts[state]} {state}" for state in State if counts[state]) or "nothing to compare"
+        text = ", ".join(f"{counts[state]} {state}" for state in State if counts[state]) or "nothing to compare"
         if self.lines and not set(counts) - {State.NEW}:
-            said += "; none of it stands in the baseline"
-        return f"Against {self.against}: {said}."
+            text += "; the baseline has none of it"
+        return f"Against {self.against}: {text}."
 
 
-STYLES = {
-    State.PASS: "green",
-    State.REGRESSED: "red",
-    State.MISSING: "red",
-    State.FAILED: "red",
-    State.IMPROVED: "cyan",
-    State.NEW: "dim",
-}
+@dataclass(frozen=True)
+class Gate:
+    """Comparisons that decide the exit code (``blocking``), and others that are only shown (``informing``)."""
+
+    blocking: tuple[Comparison, ...]
+    informing: tuple[Comparison, ...] = ()
+
+    @property
+    def code(self) -> int:
+        """The largest exit code of the blocking comparisons."""
+        return max((comparison.code for comparison in self.blocking), default=0)
 
 
-ORDER = (State.PASS, State.NEW, State.IMPROVED, State.REGRESSED, State.MISSING, State.FAILED)
-
-
-def ordered(comparison: Comparison, everything: bool = False) -> list[Line]:
-    """The lines that did not simply pass, or all; the worst last, where a log is read first."""
-    shown = [line for line in comparison.lines if everything or line.state is not State.PASS]
-    return sorted(shown, key=lambda line: ORDER.index(line.state))
-
-
-def show(comparison: Comparison, target: Console | None = None, everything: bool = False) -> None:
-    """Print what did not simply pass, worst last, and the summary.
+def compare(
+    baseline: Baseline,
+    outcomes: Iterable[Outcome],
+    tolerances: Mapping[str, Tolerance] | None = None,
+    against: str = "blessed",
+) -> Comparison:
+    """Compare measured outcomes with a baseline.
 
     Parameters
     ----------
-    comparison : Comparison
-    target : rich.console.Console, optional
-        Standard output by default. A table in a terminal; else plain text, one line a cell whatever its width.
-    everything : bool
-        Print the cells that pass, too.
+    baseline : Baseline
+        The blessed one, or that of :func:`nrsfm.reports.layouts.baseline.published`.
+    outcomes : iterable of Outcome
+    tolerances : mapping, optional
+        Metric or pattern -> Tolerance; an exact name wins over a pattern. A metric of the baseline without a tolerance
+        must be measured, but may have any value.
+    against : {"blessed", "published"}
+        Outcomes that have no published numbers are left out, and so are metrics.
+
+    Returns
+    -------
+    Comparison
+        Lines in the baseline's order, then rows and metrics that it does not have.
+
+    Raises
+    ------
+    UsageError
+        If two outcomes differ in the method's settings alone, or ``against`` is neither word.
     """
-    target = target or Console()
-    lines = ordered(comparison, everything)
-    if lines and target.is_terminal:
-        target.print(_table(lines))
+    outcomes = list({outcome.key: outcome for outcome in outcomes}.values())
+    if against == "published":
+        chosen = tolerances or PUBLISHED_TOLERANCES
+        known = {row.key for row in baseline.rows}
+        outcomes = [o for o in outcomes if known & {(row := Blessed.of([o])).key, row.other}]
+    elif against == "blessed":
+        chosen = tolerances or BLESSED_TOLERANCES
     else:
-        for line in lines:
-            target.print(Text(line.text), soft_wrap=True)
-    target.print(Text(comparison.summary, "bold red" if comparison.code else "bold green"), soft_wrap=True)
+        raise UsageError(f"compare against {one_line(against)!r}: wanted blessed or published")
+    measured = index(outcomes, None)
+    errors = {Blessed.of([o]).key: o.error for o in outcomes if o.status != OK}
+    lines: list[Line] = []
+    compared = set()
+    for row in sorted(baseline.rows, key=lambda r: r.key):
+        now = measured.get(row.key)
+        if now is None and row.other in measured and (measured[row.other].status != OK or row.status != OK):
+            now = replace(measured[row.other], stand_in=row.stand_in)  # a failed trial may not know its data
+            compared.add(row.other)
+        if now is not None:
+            compared.add(row.key)
+            error = errors.get(row.key) or errors.get(row.other, "")
+            lines += _row(row, now, error, chosen, complete=against == "blessed")
+        elif row.other in measured:
+            compared.add(row.other)
+            lines.append(Line(row.title, "", State.MISSING, why=_unlike(row.stand_in)))
+        else:
+            lines.append(Line(row.title, "", State.MISSING, why="not measured"))
+    for key, now in measured.items():
+        if key not in compared:
+            state = State.NEW if now.status == OK else State.FAILED
+            lines.append(Line(now.title, "", state, why=_ended(now.status, errors.get(key, ""))))
+    return Comparison("the published numbers" if against == "published" else "the blessed baseline", tuple(lines))
 
 
-def _table(lines: list[Line]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("Row", "Metric", "Verdict", "Baseline", "Measured", "Allowed", "Why"):
-        numbers = heading in ("Baseline", "Measured", "Allowed")
-        table.add_column(heading, overflow="fold", justify="right" if numbers else "left")
-    for line in lines:
-        row, metric, state, *rest = line.cells
-        table.add_row(Text(row), Text(metric), Text(state, STYLES[line.state]), *map(Text, rest))
-    return table
+def _row(row: Blessed, now: Blessed, error: str, chosen: Mapping[str, Tolerance], complete: bool) -> Iterator[Line]:
+    """The lines of one row; ``complete`` adds metrics that the baseline does not have."""
+    if now.status != OK:
+        state = State.PASS if row.status != OK else State.FAILED
+        yield Line(row.title, "status", state, why=_ended(now.status, error))
+        return
+    if row.status != OK:
+        yield Line(row.title, "status", State.IMPROVED, why=f"was {row.status}, now ok")
+        return
+    if None not in (row.n_points, now.n_points) and row.n_points != now.n_points:
+        why = f"the baseline has {row.n_points} tracks, {now.n_points} were measured: not the same scene"
+        yield Line(row.title, "", State.MISSING, why=why)
+        return
+    if row.trials and len(row.trials) != len(now.trials):
+        why = f"the baseline is over {len(row.trials)} draws, {len(now.trials)} were measured"
+        yield Line(row.title, "", State.MISSING, why=why)
+        return
+    if not any(metric in now.metrics and tolerance_of(metric, chosen) for metric in row.metrics):
+        yield Line(row.title, "status", State.PASS)
+    for metric, blessed in row.metrics.items():
+        tolerance = tolerance_of(metric, chosen)
+        value = now.metrics.get(metric)
+        if value is None:
+            yield Line(row.title, metric, State.MISSING, baseline=blessed, why="no longer logged")
+        elif tolerance is not None:
+            slack = tolerance.slack(blessed, row.spreads.get(metric, 0.0))
+            low, high = blessed - slack, blessed + slack
+            state = State.REGRESSED if value > high else State.IMPROVED if value < low else State.PASS
+            yield Line(row.title, metric, state, blessed, value, slack, now.n_points)
+    for metric in now.metrics if complete else ():
+        if metric not in row.metrics and metric in chosen:
+            yield Line(row.title, metric, State.NEW, measured=now.metrics[metric])
+
+
+def _unlike(stand_in: bool) -> str:
+    blessed, measured = ("a stand-in", "real data") if stand_in else ("real data", "a stand-in")
+    return f"the baseline is from {blessed}, the measurement from {measured}: they do not compare"
+
+
+def _ended(status: str, error: str) -> str:
+    error = one_line(error)
+    return "" if status == OK else f"{status}: {error}" if error else status

@@ -1,40 +1,76 @@
-"""Comparisons as a CI reads them: Markdown for its summary, JUnit XML for its test report, JSON for anything else."""
+"""Comparisons as text: for a terminal, and as Markdown, JUnit XML and JSON for a CI."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from types import MappingProxyType
 from xml.etree import ElementTree
 
-from nrsfm.harness.gate.comparison import Comparison, State, ordered
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from nrsfm.harness.gate.comparison import Comparison, Gate, Line, State
 from nrsfm.harness.record.text import escape_md, one_line
 
+STYLES = {
+    State.PASS: "green",
+    State.REGRESSED: "red",
+    State.MISSING: "red",
+    State.FAILED: "red",
+    State.IMPROVED: "cyan",
+    State.NEW: "dim",
+}
 
-@dataclass(frozen=True)
-class Gate:
-    """Comparisons that block, and others that only inform.
+ORDER = (State.PASS, State.NEW, State.IMPROVED, State.REGRESSED, State.MISSING, State.FAILED)
+
+
+def ordered(comparison: Comparison, everything: bool = False) -> list[Line]:
+    """The lines that did not pass, or all; the worst last, where a log is read first."""
+    shown = [line for line in comparison.lines if everything or line.state is not State.PASS]
+    return sorted(shown, key=lambda line: ORDER.index(line.state))
+
+
+def show(comparison: Comparison, target: Console | None = None, everything: bool = False) -> None:
+    """Print the lines that did not pass, the worst last, and the summary.
 
     Parameters
     ----------
-    blocking, informing : tuple of Comparison
+    comparison : Comparison
+    target : rich.console.Console, optional
+        Standard output by default. A terminal gets a table, anything else a line of plain text a metric.
+    everything : bool
+        Print the lines that pass as well.
     """
+    target = target or Console()
+    lines = ordered(comparison, everything)
+    if lines and target.is_terminal:
+        target.print(_table(lines))
+    else:
+        for line in lines:
+            target.print(Text(line.text), soft_wrap=True)
+    target.print(Text(comparison.summary, "bold red" if comparison.code else "bold green"), soft_wrap=True)
 
-    blocking: tuple[Comparison, ...]
-    informing: tuple[Comparison, ...] = ()
 
-    @property
-    def code(self) -> int:
-        """The largest of the blocking comparisons' exit codes."""
-        return max((comparison.code for comparison in self.blocking), default=0)
+def _table(lines: list[Line]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("Row", "Metric", "Verdict", "Baseline", "Measured", "Allowed", "Why"):
+        numbers = heading in ("Baseline", "Measured", "Allowed")
+        table.add_column(heading, overflow="fold", justify="right" if numbers else "left")
+    for line in lines:
+        row, metric, state, *rest = line.cells
+        table.add_row(Text(row), Text(metric), Text(state, STYLES[line.state]), *map(Text, rest))
+    return table
 
 
 def markdown(gate: Gate) -> str:
-    """The verdict, then for each comparison its summary and a table of what did not simply pass."""
+    """The verdict, and for each comparison its summary and a table of the lines that did not pass."""
     text = f"## {'Blocked' if gate.code else 'Passed'}\n"
     for comparison in (*gate.informing, *gate.blocking):
-        informs = " This informs and blocks nothing." * (comparison in gate.informing)
+        informs = " This does not block." * (comparison in gate.informing)
         text += f"\n**{escape_md(comparison.summary)}**{informs}\n"
         if lines := ordered(comparison):
             text += (
@@ -46,7 +82,7 @@ def markdown(gate: Gate) -> str:
 
 
 def junit(gate: Gate) -> str:
-    """A suite for each comparison, a case for each cell; what only informs is skipped, not failed."""
+    """A suite a comparison, a case a line; failures of a comparison that only informs count as skipped."""
     root = ElementTree.Element("testsuites", name="nrsfm compare")
     for comparison in (*gate.informing, *gate.blocking):
         informs = comparison in gate.informing
@@ -65,7 +101,7 @@ def junit(gate: Gate) -> str:
 
 
 def as_json(gate: Gate) -> str:
-    """Everything: exit code, and every line of every comparison."""
+    """The exit code and every line of every comparison."""
     comparisons = [
         {
             "against": comparison.against,

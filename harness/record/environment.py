@@ -1,4 +1,4 @@
-"""What a number was computed with. It names no machine, user or folder: records are handed on."""
+"""The environment of a trial: versions, sources, processor. It names no host, user or folder: records are shared."""
 
 from __future__ import annotations
 
@@ -19,33 +19,29 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
 )
 
-
-#: What of the environment results are computed by; a record that differs in one of them is stale.
+#: Environment fields that can change a result; a record that differs in one of them is stale.
 COMPUTES = ("code", "packages", "numpy", "scipy", "scikit-learn", "blas")
 
-
-#: Where it is computed: times compare where all of these, and what computes, are the same.
+#: Environment fields that can change a time besides those; times compare where all of both agree.
 MACHINE = ("processor", "cores", "threads", "machine", "python")
 
-
-#: Which state of the sources: it changes with every edit, whether or not that changes results or times.
+#: Environment fields that change with every edit of the sources, whether or not results or times change.
 STATE = ("code", "commit", "tree")
 
-
-#: What a trial's results come from: a change of one of these in a checkout is a change of its tree.
+#: Folders of a checkout that can change a result; uncommitted changes in them make the tree ``changed``.
 SOURCES = ("conf", "datasets", "harness", "methods")
 
 
 @functools.cache
 def environment() -> Mapping[str, str]:
-    """What all trials of this process share.
+    """The environment that all trials of this process share.
 
     Returns
     -------
     mapping of str to str
-        Versions of Python, the libraries and this project; ``blas``; ``machine``, ``processor`` and its ``cores`` that
-        may be used; ``code``, the digest of the sources of datasets and methods; in a checkout its ``commit`` and
-        ``tree``, which is clean or changed.
+        Versions of Python, the libraries and this project; ``blas``; ``machine``; ``processor``; ``cores`` that this
+        process may use; ``code``, the digest of the sources of datasets and methods; in a checkout, ``commit`` and
+        ``tree`` (clean or changed).
     """
     from threadpoolctl import threadpool_info
 
@@ -64,13 +60,13 @@ def environment() -> Mapping[str, str]:
 
 
 def checkout() -> Path | None:
-    """The folder of the sources where the harness runs from a checkout; None where it is an installed package."""
+    """The root of the checkout that the harness runs from, or None if it is an installed package."""
     root = Path(__file__).resolve().parents[2]
     return root if (root / "pyproject.toml").is_file() else None
 
 
 def cores() -> int:
-    """Of this machine, those that this process may use."""
+    """The number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -95,7 +91,7 @@ def source_digest() -> str:
 
 
 def digest_of(*places: Path) -> str:
-    """SHA-256 over modules, and over all that stands in a package where its ``__init__.py`` is named; 16 hex digits."""
+    """SHA-256 over modules, an ``__init__.py`` standing for all modules of its package; 16 hex digits."""
     total = hashlib.sha256()
     for place in places:
         for file in sorted(place.parent.rglob("*.py")) if place.name == "__init__.py" else [place]:
@@ -104,10 +100,9 @@ def digest_of(*places: Path) -> str:
 
 
 def commit(root: Path | None) -> dict[str, str]:
-    """The commit that a checkout stands at, and whether what computes is as it is there; {} for what is no repository.
+    """``commit`` of a checkout, and its ``tree``: clean, or changed in :data:`SOURCES`; {} if ``root`` has no ``.git``.
 
-    Asks of ``root`` itself: neither the folder that somebody works in nor a repository around an installed package is
-    meant.
+    Neither the working folder nor a repository around an installed package counts.
     """
     if root is None or not (root / ".git").exists():
         return {}
@@ -120,8 +115,8 @@ def commit(root: Path | None) -> dict[str, str]:
 
 
 def _git(root: Path, *words: str) -> str | None:
-    """What git says; None where there is no git, or it refuses the folder."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # as in its hooks
+    """The output of a git command, or None if git is not installed or fails."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # set in git's hooks
     command = ["git", "--no-optional-locks", "-C", str(root), *words]
     try:
         done = subprocess.run(command, env=plain, capture_output=True, text=True, timeout=10, check=True)

@@ -1,5 +1,5 @@
-from __future__ import annotations
+"""The error that every verb turns into one line and exit code 3."""
 
 
 class UsageError(ValueError):
-    """A request that cannot be carried out as it stands. The message is one line with the remedy."""
+    """A request that cannot be carried out. The message is one line with the remedy."""

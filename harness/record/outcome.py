@@ -1,29 +1,89 @@
+"""The record of a finished trial, and reading it back from a file that anyone may have written."""
+
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from nrsfm.harness.record.trial import gap_words
+from annotated_types import Ge, Gt, Lt, Predicate
+
+from nrsfm.harness.record.trial import GROUPS, Trial, gap_words
+from nrsfm.harness.record.untrusted import first_error
+
+if TYPE_CHECKING:
+    from pydantic import ConfigDict, TypeAdapter
 
 OK, FAILED, CRASHED, TIMEOUT, OOM, ABSENT = STATUSES = ("ok", "failed", "crashed", "timeout", "oom", "absent")
 
 
+def _is_key(text: str) -> bool:
+    return re.fullmatch(r"[\w-]{1,64}", text, re.ASCII) is not None
+
+
+def _is_metric(text: str) -> bool:
+    return re.fullmatch(r"\w{1,60}", text) is not None
+
+
+def _is_time(text: str) -> bool:
+    """Whether a text is empty or a time of this century, in ISO format."""
+    try:
+        return not text or 2000 <= datetime.fromisoformat(text).astimezone().year < 2100
+    except (ValueError, OverflowError):
+        return False
+
+
+def _has_readable_gaps(parameters: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether the gaps, where there are any, have a kind and a share, which :func:`gap_words` prints."""
+    gaps = parameters.get("gaps")
+    if not gaps:
+        return True
+    share = gaps.get("share")
+    return isinstance(gaps.get("kind"), str) and isinstance(share, int | float) and abs(share) < math.inf
+
+
+#: Types of a record's fields, with bounds that nothing counted or measured here exceeds.
+Count = Annotated[int, Ge(0), Lt(10**9)]
+Measured = Annotated[float, Ge(0), Lt(1e9)]
+Metrics = dict[Annotated[str, Predicate(_is_metric)], Annotated[float, Gt(-1e100), Lt(1e100)]]
+Parameters = Annotated[dict[str, dict[str, Any]], Predicate(_has_readable_gaps)]
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial left behind; the contents of its ``result.json``.
+    """The record of a trial: the contents of its ``result.json``.
 
-    ``metrics`` holds finite numbers alone: a metric that does not apply is left out, never null or 0.
-    ``seconds`` is time by the clock, ``cpu_seconds`` that of all cores, ``peak_mb`` the largest resident size in MB.
-    ``status`` is one of ok, failed (an exception), crashed (the process died), timeout, oom, absent (the data are not
-    there; ``error`` says how to get them).
+    Parameters
+    ----------
+    key, setting : str
+        Hashes of the trial, see :class:`nrsfm.harness.record.trial.Trial`.
+    status : str
+        ok, failed (an exception), crashed (the process died), timeout, oom (out of memory), or absent (the data are
+        missing; ``error`` says how to get them).
+    stand_in : bool
+        Whether generated data took the place of a real sequence.
+    metrics : dict
+        Finite numbers; a metric that does not apply is left out.
+    seconds, cpu_seconds : float
+        Wall-clock time, and the time of all cores together.
+    peak_mb : float
+        Largest resident size in MB.
+    finished : str
+        Time of the end in ISO format with its zone.
+    parameters : dict
+        The trial's configuration by group.
+    environment : dict
+        See :func:`nrsfm.harness.record.environment.environment`.
     """
 
-    key: str
+    __pydantic_config__: ClassVar[ConfigDict] = {"strict": True, "allow_inf_nan": False, "extra": "ignore"}
+
+    key: Annotated[str, Predicate(_is_key)]
     setting: str
     status: str
     dataset: str
@@ -31,111 +91,84 @@ class Outcome:
     cameras: str
     placement: str
     motion: str
-    level: float
-    repeat: int
+    level: Annotated[float, Ge(0), Lt(1e100)]
+    repeat: Count
     stand_in: bool = False
-    n_bodies: int | None = None
-    n_points: int | None = None
-    n_frames: int | None = None
-    metrics: dict[str, float] = field(default_factory=dict)
-    seconds: float | None = None
-    cpu_seconds: float | None = None
-    peak_mb: float | None = None
+    n_bodies: Count | None = None
+    n_points: Count | None = None
+    n_frames: Count | None = None
+    metrics: Metrics = field(default_factory=dict)
+    seconds: Measured | None = None
+    cpu_seconds: Measured | None = None
+    peak_mb: Measured | None = None
     error: str = ""
-    finished: str = ""
+    finished: Annotated[str, Predicate(_is_time)] = ""
     sweep: str = ""
-    parameters: dict[str, Any] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
             raise ValueError(f"status {self.status!r} is not one of {', '.join(STATUSES)}")
-        odd = [k for k, v in self.metrics.items() if not math.isfinite(v)]
-        if odd:
-            raise ValueError(f"metrics must be finite, these are not: {', '.join(odd)}")
+        infinite = [name for name, value in self.metrics.items() if not math.isfinite(value)]
+        if infinite:
+            raise ValueError(f"metrics must be finite, these are not: {', '.join(infinite)}")
+
+    @classmethod
+    def of_trial(cls, trial: Trial, key: str) -> Outcome:
+        """The part of a trial's record that is known before it runs, with status failed."""
+        placement = trial.dataset.get("placement", "")
+        return cls(
+            key=key,
+            setting=trial.setting,
+            status=FAILED,
+            dataset=str(trial.dataset["name"]),
+            method=str(trial.method["name"]),
+            cameras=str(trial.cameras["source"]),
+            placement=placement if isinstance(placement, str) else json.dumps([float(x) for x in placement]),
+            motion=str(trial.dataset.get("motion", "")),
+            level=float(trial.noise["level"]),
+            repeat=int(trial.noise["repeat"]),
+            n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
+            parameters={name: dict(getattr(trial, name)) for name in GROUPS},
+        )
 
     @property
     def gaps(self) -> str:
-        """``random 0.2``: the observations that were dropped; "" for none."""
+        """``random 0.2``: the kind and share of dropped observations; "" for none."""
         return gap_words(self.parameters.get("gaps", {}))
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """What a reader calls the row, whatever the method's settings: names a baseline's row."""
+        """Scene, method and noise draw: what a table's reader calls the row, whatever the method's settings."""
         words = (self.dataset, self.method, self.cameras, self.placement, self.motion)
         return (*words, self.level, self.gaps, self.repeat)
 
     def to_json(self) -> str:
-        """JSON with absent values left out."""
-        return json.dumps({k: v for k, v in asdict(self).items() if v is not None}, indent=1) + "\n"
+        """JSON without absent values; half surrogate pairs, which UTF-8 cannot hold, become question marks."""
+        values = {name: value for name, value in asdict(self).items() if value is not None}
+        return json.dumps(values, indent=1, ensure_ascii=False).encode(errors="replace").decode() + "\n"
 
     @classmethod
-    def from_json(cls, text: str) -> Outcome:
-        """Read what :meth:`to_json` wrote; unknown fields of later versions are dropped.
+    def from_json(cls, text: str | bytes) -> Outcome:
+        """The record that :meth:`to_json` wrote; unknown fields of later versions are dropped.
 
         Raises
         ------
         ValueError
-            If the text is not such a record.
+            If the text is not such a record: one line that names the field.
         """
+        from pydantic import ValidationError
+
         try:
-            data = json.loads(text)
-        except RecursionError:
-            raise ValueError("not a trial record: nested too deeply") from None
-        if not isinstance(data, dict):
-            raise ValueError("not a trial record")
-        known = {f.name: data[f.name] for f in fields(cls) if f.name in data}
-        for f in fields(cls):
-            if f.name in known and not _FITS[f.type](known[f.name]):
-                raise ValueError(f"not a trial record: {f.name} is no {f.type}")
-        if not re.fullmatch(r"[\w-]{1,64}", str(known.get("key", "")), re.ASCII):
-            raise ValueError("not a trial record: key is no trial's")
-        if not _is_moment(known.get("finished", "")):
-            raise ValueError("not a trial record: finished is no time")
-        try:
-            return cls(**known)
-        except TypeError as error:
-            raise ValueError(f"not a trial record: {error}") from None
+            return _validator().validate_json(text)
+        except ValidationError as error:
+            raise ValueError(f"not a trial record: {first_error(error)}") from None
 
 
-def _is_number(value: Any) -> bool:
-    """A finite number that nothing counted or measured here exceeds."""
-    return type(value) in (int, float) and -1e100 < value < 1e100
+@cache
+def _validator() -> TypeAdapter[Outcome]:
+    """Checks records; made when the first one is read, because importing pydantic takes 0.1 s."""
+    from pydantic import TypeAdapter
 
-
-def _is_count(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 10**9
-
-
-def _is_measured(value: Any) -> bool:
-    return type(value) is dict and all(re.fullmatch(r"\w{1,60}", k) and _is_number(v) for k, v in value.items())
-
-
-def _is_settings(value: Any) -> bool:
-    """Parameters by group, whose gaps have a kind and a share."""
-    if type(value) is not dict or not all(type(group) is dict for group in value.values()):
-        return False
-    gaps = value.get("gaps")
-    return not gaps or (type(gaps.get("kind")) is str and _is_number(gaps.get("share")))
-
-
-def _is_moment(text: str) -> bool:
-    """A time with its zone, of this century, or none."""
-    try:
-        return not text or 2000 <= datetime.fromisoformat(text).astimezone().year < 2100
-    except (ValueError, OverflowError):
-        return False
-
-
-#: What each type of a record's fields takes of what JSON may hold.
-_FITS: Mapping[Any, Callable[[Any], bool]] = {
-    "str": lambda value: type(value) is str,
-    "bool": lambda value: type(value) is bool,
-    "float": lambda value: _is_number(value) and value >= 0,
-    "int": _is_count,
-    "int | None": lambda value: value is None or _is_count(value),
-    "float | None": lambda value: value is None or (_is_number(value) and 0 <= value < 1e9),
-    "dict[str, float]": _is_measured,
-    "dict[str, Any]": _is_settings,
-    "dict[str, str]": lambda value: type(value) is dict and all(type(v) is str for v in value.values()),
-}
+    return TypeAdapter(Outcome)

@@ -1,4 +1,4 @@
-"""Numbers and foreign text made fit to print: one line, one precision, escaped for where it goes."""
+"""Numbers and text of unknown origin for printing: on one line, in one precision, escaped for LaTeX or Markdown."""
 
 from __future__ import annotations
 
@@ -8,36 +8,35 @@ import unicodedata
 LONGEST = 160
 """Characters of an error message that a table shows."""
 
-
 DIGITS = 4
-"""Decimals of an error in tables: the most that the papers print."""
+"""Decimals of an error in tables, as many as the papers print."""
 
 
 def one_line(text: object, longest: int = LONGEST) -> str:
-    """Text on one line, without control or invisible characters, cut to ``longest``."""
+    """Text on one line, without control or invisible characters, cut to ``longest`` characters."""
     clean = "".join(c if c.isprintable() else " " for c in str(text))
     clean = " ".join(clean.split())
     return clean if len(clean) <= longest else clean[: longest - 1].rstrip() + "…"
 
 
 def printable(text: object, longest: int = 2000) -> str:
-    """Text for the terminal: on one line, control characters spelt out, so that none of them does anything."""
+    """Text for a terminal: on one line, control characters written as escapes, so that none takes effect."""
     clean = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
     return clean if len(clean) <= longest else clean[: longest - 1] + "…"
 
 
 def number(value: float, digits: int = DIGITS) -> str:
-    """An error as the papers print it: four decimals, and 0.0 for none at all."""
+    """A metric with four decimals, and ``0.0`` for exactly 0, as the papers print it."""
     return "0.0" if value == 0 and digits else f"{value:.{digits}f}"
 
 
 def count(value: float) -> str:
-    """A count, which is a mean where runs were repeated: ``7`` or ``7.4``."""
+    """A count or a mean of counts: ``7`` or ``7.4``."""
     return f"{value:.1f}".removesuffix(".0")
 
 
 def signed(value: float, unit: str) -> str:
-    """A difference from the published number: ``+4`` tracks, ``+0.06`` percentage points, ``-3.2 %`` of it."""
+    """A difference from a published number: ``+4`` (tracks), ``+0.06`` (percentage points), or ``-3.2 %`` of it."""
     if unit == "percentage points":
         text = f"{value:+.2f}"
     else:
@@ -46,7 +45,7 @@ def signed(value: float, unit: str) -> str:
 
 
 class Safe(str):
-    """Text that is already in the target's language; the escapes leave it alone."""
+    """Text that is already LaTeX or Markdown, which :func:`escape_tex` and :func:`escape_md` leave alone."""
 
     __slots__ = ()
 
@@ -77,8 +76,8 @@ _TEX = {
 
 
 def escape_tex(value: object) -> str:
-    """Any text as LaTeX that prints it; ASCII alone, so that every engine reads it."""
-    return value if isinstance(value, Safe) else "".join(_tex(c) for c in _flat(value))
+    """LaTeX that prints the text; ASCII only, so that every engine reads it."""
+    return value if isinstance(value, Safe) else "".join(_tex(c) for c in _on_one_line(value))
 
 
 def _tex(c: str) -> str:
@@ -94,13 +93,13 @@ _MARKDOWN = re.compile(r"([\\|`*\[\]~#$])|((?<!\w)_|_(?!\w))")
 
 
 def escape_md(value: object) -> str:
-    """Any text as Markdown that prints it, inside a table's cell too."""
+    """Markdown that prints the text, also inside a table cell."""
     if isinstance(value, Safe):
         return value
-    text = _flat(value).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    text = _on_one_line(value).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return _MARKDOWN.sub(lambda m: "\\" + m.group(0), text)
 
 
-def _flat(value: object) -> str:
-    """On one line, nothing cut (templates pass long notes), spaces at the ends kept."""
+def _on_one_line(value: object) -> str:
+    """Text on one line, uncut (templates pass long notes), with the spaces at its ends."""
     return re.sub(" +", " ", "".join(c if c.isprintable() else " " for c in str(value)))

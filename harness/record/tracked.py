@@ -1,4 +1,4 @@
-"""A trial's record as the tracker holds it."""
+"""A trial's record in the tracker."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from nrsfm.harness.record.trial import Trial
 
 @dataclass(frozen=True)
 class Tracked:
-    """A trial's record as the tracker holds it, and the run it stands in."""
+    """A trial's record, the MLflow run that holds it and the tracker's address; both "" for a record of a folder."""
 
     outcome: Outcome
     run_id: str
     uri: str
 
 
+#: A trial and the run that answers it.
 Answer = tuple[Trial, Tracked | None]
-
 
 Arrays = Mapping[str, Any]
 
-
-#: Gives the arrays that a run left, affinities perhaps sparse; empty if it left none.
+#: Gives the arrays of a run, affinities perhaps sparse; empty if it has none.
 Fetch = Callable[[Tracked], Arrays]

@@ -1,3 +1,5 @@
+"""A trial: the part of the configuration that decides its result."""
+
 from __future__ import annotations
 
 import hashlib
@@ -9,8 +11,7 @@ from typing import Any
 #: The groups of the configuration that make a trial.
 GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
 
-
-#: The number of bodies that is left to the method.
+#: ``n_bodies`` where the method estimates the number of bodies.
 AUTO = "auto"
 
 
@@ -21,7 +22,7 @@ def digest(value: Any) -> str:
 
 
 def gap_words(gaps: Mapping[str, Any]) -> str:
-    """``random 0.2`` of a trial's gaps, "" where there are none."""
+    """Kind and share of a trial's gaps, as in ``random 0.2``; "" for none."""
     return f"{gaps['kind']} {gaps['share']:g}" if gaps else ""
 
 
@@ -32,10 +33,10 @@ class Trial:
     Parameters
     ----------
     dataset, method, cameras, noise, gaps : mapping
-        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are the
-        words that stand in tables.
+        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are their names
+        in tables.
     n_bodies : int, "auto" or None
-        Number of clusters asked for; None takes the scene's, ``auto`` leaves it to the method.
+        Number of clusters; None takes the scene's, ``auto`` leaves it to the method.
     """
 
     dataset: Mapping[str, Any]
@@ -47,16 +48,16 @@ class Trial:
 
     @property
     def setting(self) -> str:
-        """Hash of what was asked, whatever data and code answer it."""
+        """Hash of the configuration alone, whatever the data and the code."""
         return digest({name: value for name, value in asdict(self).items() if name != "gaps" or value})
 
     def key(self, data: str, version: str) -> str:
-        """The trial's identity: its setting, the data's digest and the method's version."""
+        """Hash of the setting, the digest of the data and the version of the method: the trial's identity."""
         return digest({"setting": self.setting, "data": data, "version": version})
 
     @property
     def title(self) -> str:
-        """``dance_yoga ours``, with what differs from the plain setting behind it."""
+        """``dance_yoga ours``, followed by noise, gaps, bodies and cameras where they are not the defaults."""
         words = [str(self.dataset["name"]), str(self.method["name"])]
         if self.noise["level"]:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")

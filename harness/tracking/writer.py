@@ -1,4 +1,4 @@
-"""The tracker's writer: a process of its own, so that neither MLflow's time nor its end is the sweep's."""
+"""The process that writes trials to the tracker, so that a sweep waits neither for MLflow's imports nor its store."""
 
 from __future__ import annotations
 
@@ -20,49 +20,54 @@ from nrsfm.harness.trial.isolation import start_process
 if TYPE_CHECKING:
     from nrsfm.harness.config.settings import Settings
 
+RETRY_AFTER = 5.0
+"""Seconds between a failed write and the next try."""
 
-PATIENCE = 5.0  # seconds before a tracker that could not be written is tried again
+SILENCE = 60.0
+"""Seconds without a written trial, once the sweep is over, after which the tracker is given up."""
 
+FINAL_TRIES = 2
+"""Failed writes in a row, once the sweep is over, after which the tracker is given up."""
 
-SILENCE = 60.0  # seconds at the end without a trial written, after which a tracker counts as lost
-
-
-TRIES = 2  # in a row, at the end
-
-
-LIVES = 3  # of the process
+LIVES = 3
+"""How often the writer process may be lost."""
 
 
 class Writer:
-    """Brings trials into the tracker, in the order in which they are put, while the sweep goes on.
+    """Writes trials to the tracker while the sweep goes on, in the order of :meth:`put`.
 
-    A tracker that is away is tried again now and then and at the end, with one trial, and a writer that is killed is
-    started again; what was under way is written once, see :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. To be used by one
-    thread.
+    While the tracker fails, one trial is tried every ``RETRY_AFTER`` seconds. A trial whose own files are damaged is
+    left out. A writer process that is killed is started again. A trial is written once whatever happens, see
+    :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. For use by one thread.
 
     Parameters
     ----------
     settings : Settings
     ready : Connection, optional
-        To a process that :func:`prepare` has started; closed at the end, used or not.
-
-    ``trouble`` says what keeps the tracker from being written, "" for nothing.
+        To a process of :func:`prepare`; closed by :meth:`finish`, used or not.
     """
 
     def __init__(self, settings: Settings, ready: Connection | None = None) -> None:
-        self.trouble = ""
         self._settings = settings
-        self._waiting: dict[str, None] = {}  # not written yet
-        self._sent: set[str] = set()  # of those, what the process is at
+        self._uri = shown(settings.tracking_uri)
+        self._tracker_error = ""
+        self._damaged = ""  # the first error of a trial's own files
+        self._waiting: dict[str, None] = {}  # keys not written yet, in order
+        self._sent: list[str] = []  # those that the process has, in order
         self._lives = LIVES
-        self._again = 0.0
-        self._heard = 0.0
+        self._next_try = 0.0
+        self._last_answer = 0.0
         self._failures = 0  # in a row
         self._ready = ready
         self._pipe: Connection | None = None
 
+    @property
+    def trouble(self) -> str:
+        """Why some trials are not in the tracker; "" where all that were queued are."""
+        return self._tracker_error or self._damaged
+
     def start(self) -> None:
-        """Have the process open the store while others do their work."""
+        """Have the process open the store, without waiting for it."""
         self._pipe, self._ready = self._ready or prepare(), None
         try:
             self._pipe.send((self._settings.tracking_uri, self._settings.output, self._settings.trials))
@@ -70,24 +75,24 @@ class Writer:
             self._lost()
 
     def put(self, key: str) -> None:
-        """Have a trial written."""
+        """Queue a trial."""
         self._waiting[key] = None
         self.tend()
 
     def tend(self) -> None:
-        """Take in what was written and send what may be; waits for nothing."""
+        """Take in the process's answers and send it what is queued; returns at once."""
         self._receive(0)
-        if self._waiting and not self._sent and time.monotonic() >= self._again:
-            self._send(list(self._waiting)[: 1 if self.trouble else None])
+        if self._waiting and not self._sent and time.monotonic() >= self._next_try:
+            self._send(list(self._waiting)[: 1 if self._tracker_error else None])
 
     def finish(self) -> None:
-        """Wait until everything is written, or the tracker does not take it."""
-        self._again, self._failures, self._heard = 0.0, 0, time.monotonic()
-        while self._waiting and self._lives and self._failures < TRIES:
+        """Wait until every trial is written or the tracker is given up."""
+        self._next_try, self._failures, self._last_answer = 0.0, 0, time.monotonic()
+        while self._waiting and self._lives and self._failures < FINAL_TRIES:
             self.tend()
             self._receive(0.5)
-            if time.monotonic() - self._heard > SILENCE:
-                self.trouble = f"tracker {shown(self._settings.tracking_uri)}: it took no trial for {SILENCE:g} s"
+            if time.monotonic() - self._last_answer > SILENCE:
+                self._tracker_error = f"tracker {self._uri}: it took no trial for {SILENCE:g} s"
                 break
         for pipe in (self._pipe, self._ready):
             if pipe is not None:
@@ -96,11 +101,11 @@ class Writer:
     def _send(self, keys: list[str]) -> None:
         if self._pipe is None:
             self.start()
-        if self._pipe is None:  # it was lost at once
+        if self._pipe is None:  # lost at once
             return
         try:
             self._pipe.send(keys)
-            self._sent.update(keys)
+            self._sent = keys
         except OSError:
             self._lost()
 
@@ -111,37 +116,44 @@ class Writer:
         try:
             while self._pipe.poll(seconds):
                 seconds = 0
-                key, self.trouble = self._pipe.recv()
-                self._heard = time.monotonic()
-                del self._waiting[key]
-                self._sent.discard(key)
-                self._failures = self._failures + 1 if self.trouble else 0
-                if self.trouble:  # then the process has put down the rest as well
-                    self._waiting[key] = None  # behind the others, should it be this trial's own fault
-                    self._sent.clear()
-                    self._again = time.monotonic() + PATIENCE
+                key, self._tracker_error, damage = self._pipe.recv()
+                self._last_answer = time.monotonic()
+                self._damaged = self._damaged or damage
+                if self._tracker_error:  # the process has dropped what came after
+                    self._sent = []
+                    self._failures += 1
+                    self._next_try = time.monotonic() + RETRY_AFTER
                     return
+                self._sent.remove(key)
+                del self._waiting[key]
+                self._failures = 0
         except (OSError, EOFError):
             self._lost()
 
     def _lost(self) -> None:
         self._pipe = None
-        self._sent.clear()
+        if self._sent:  # what it was at goes behind the others, in case that is the cause
+            del self._waiting[self._sent[0]]
+            self._waiting[self._sent[0]] = None
+        self._sent = []
         self._lives -= 1
         if not self._lives:
-            self.trouble = f"tracker {shown(self._settings.tracking_uri)}: its writer was lost {LIVES} times"
+            self._tracker_error = f"tracker {self._uri}: its writer was lost {LIVES} times"
 
 
 def prepare() -> Connection:
-    """Start a process that loads MLflow, which takes seconds, while it is found out what there is to write."""
-    pipe, theirs = multiprocessing.Pipe()
-    start_process(_serve, theirs)
-    theirs.close()
+    """Start the writer process, which takes seconds to import MLflow, before its settings are known."""
+    pipe, child_end = multiprocessing.Pipe()
+    start_process(_serve, child_end)
+    child_end.close()
     return pipe
 
 
 def _serve(pipe: Connection) -> None:
-    """The process: keys in, what was in the way of each out, until one fails; ends with who holds the other end."""
+    """The process: reads lists of keys and answers each key with the tracker's error and the trial's, "" for none.
+
+    An error of the tracker drops the rest of a list. The process ends when the other end of the pipe is closed.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     importlib.import_module("mlflow.store.tracking.sqlalchemy_store")
     with contextlib.suppress(EOFError, OSError):
@@ -151,17 +163,20 @@ def _serve(pipe: Connection) -> None:
             _ = tracker.client
         while True:
             for key in pipe.recv():
-                trouble = _write(tracker, trials / key)
-                pipe.send((key, trouble))
-                if trouble:
+                tracker_error, damage = _write(tracker, trials / key)
+                pipe.send((key, tracker_error, damage))
+                if tracker_error:
                     break
 
 
-def _write(tracker: Tracker, folder: Path) -> str:
+def _write(tracker: Tracker, folder: Path) -> tuple[str, str]:
+    """Write one trial; what is wrong with the tracker or the disk, and what with the trial's files, on one line."""
     try:
         outcome = read_record(folder)
         if outcome is not None:
             tracker.log(outcome, folder)
     except (UsageError, OSError) as error:
-        return " ".join(str(error).split())
-    return ""
+        return " ".join(str(error).split()), ""
+    except Exception as error:
+        return "", f"{folder}: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    return "", ""

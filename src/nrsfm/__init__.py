@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nrsfm.harness.solving.solution import Solution, load, solve
+    from nrsfm.harness.tracking.results import results
 
     __version__: str
 
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 _HOMES = {
     "Solution": "nrsfm.harness.solving.solution",
     "load": "nrsfm.harness.solving.solution",
+    "results": "nrsfm.harness.tracking.results",
     "solve": "nrsfm.harness.solving.solution",
 }
 
-__all__ = ["Solution", "__version__", "load", "solve"]
+__all__ = ["Solution", "__version__", "load", "results", "solve"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""What a number was computed with: in its record, in the tracker, and nothing of whose machine it was."""
+"""The environment of a trial, in its record and in the tracker, and that it names no host, user or folder."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import json
 import os
 import platform
 import subprocess
-import time
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +83,7 @@ def test_a_record_names_what_computed_it_and_not_whose_machine_it_was(nrsfm: She
     assert held["blas"] and held["processor"] and held["code"]
     assert {"python", "numpy", "scipy", "scikit-learn", "mlflow", "hydra-core", "nrsfm"} <= held.keys()
     assert held["data"] == "v1"  # of the generator
-    assert 0 < one.outcome.cpu_seconds < 60
+    assert one.outcome.cpu_seconds and one.outcome.cpu_seconds > 0
     tags = Tracker(one.uri, tmp_path / "out").client.get_run(one.run_id).data.tags
     text = json.dumps(held) + json.dumps(tags)
     for folder in (tmp_path, Path(__file__).parents[3], Path.home()):
@@ -134,9 +133,5 @@ def test_it_is_looked_up_once_for_all_trials(shell: Shell, tmp_path: Path) -> No
     assert len(calls.read_text().split()) <= 4
 
 
-def test_asking_again_costs_nothing() -> None:
-    environment()
-    start = time.perf_counter()
-    for _ in range(1000):
-        environment()
-    assert time.perf_counter() - start < 0.1
+def test_it_is_looked_up_once() -> None:
+    assert environment() is environment()

@@ -16,7 +16,7 @@ from nrsfm.harness.record.folder import read_arrays, read_record
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.sweep.work import Work
-from nrsfm.harness.tracking.arrays import Arrays
+from nrsfm.harness.tracking.artifacts import Arrays
 from nrsfm.harness.trial.journal import Entry, entries
 from nrsfm.harness.trial.progress import steps
 from tests.fuzz import files
@@ -145,8 +145,8 @@ def test_arrays_are_read(tmp_path: Path) -> None:
         ({"affinity_rows": np.array([0, 1, 6])}, "not in 0..5"),
         ({"affinity_rows": np.array([0, 1])}, "parts of the affinity"),
         ({"affinity_columns": None}, "parts of the affinity"),
-        ({"x_size": np.array(10**9)}, "'x_size', which no trial leaves"),
-        ({"../../x": np.array(1)}, "which no trial leaves"),
+        ({"x_size": np.array(10**9)}, "'x_size', which no trial writes"),
+        ({"../../x": np.array(1)}, "which no trial writes"),
         ({"labels": np.array([0, 0, 0, 1, 1, 6])}, "not in 0..5"),
         ({"labels": np.array([0.5] * 6)}, "'labels' holds float64"),
         ({"labels": np.array([0, 1])}, "'labels' has shape"),
@@ -170,7 +170,7 @@ def test_a_store_cannot_name_a_folder(tmp_path: Path) -> None:
     """The ids of runs come from the tracking server; arrays are fetched into a folder of that name."""
     fetch = Arrays(Settings(tmp_path, tmp_path, f"sqlite:///{tmp_path}/mlflow.db"))
     outcome = Outcome.from_json(files.record().decode())
-    with pytest.raises(UsageError, match=r"'\.\./\.\./x' is no run's id"):
+    with pytest.raises(UsageError, match=r"'\.\./\.\./x' is not a run's id"):
         fetch(Tracked(outcome, "../../x", ""))
     assert not (tmp_path / "fetched").exists()
 

@@ -12,12 +12,13 @@ import time
 import urllib.request
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 
 def postgres_folder() -> Path | None:
-    """Where PostgreSQL's own programs are: on the path, or where Debian and Red Hat put them, the newest first."""
-    found = shutil.which("initdb")
-    places = [Path(found).resolve().parent] if found else []
+    """The folder of PostgreSQL's programs, from the path or where Debian and Red Hat install them, the newest; or None."""
+    program = shutil.which("initdb")
+    places = [Path(program).resolve().parent] if program else []
     for pattern in ("lib/postgresql/*/bin", "pgsql-*/bin"):
         places += sorted(Path("/usr").glob(pattern), key=lambda p: float(p.parent.name.split("-")[-1]), reverse=True)
     return next((place for place in places if (place / "initdb").is_file()), None)
@@ -29,7 +30,7 @@ def free_port() -> int:
         return int(free.getsockname()[1])
 
 
-def wait_for(address: str, process: subprocess.Popen[bytes], seconds: float = 240) -> None:
+def wait_for(address: str, process: subprocess.Popen[bytes], seconds: float = 600) -> None:
     """Wait until an MLflow server answers."""
     end = time.monotonic() + seconds
     while True:
@@ -43,14 +44,14 @@ def wait_for(address: str, process: subprocess.Popen[bytes], seconds: float = 24
 
 
 class Postgres:
-    """A database server of its own.
+    """A PostgreSQL server for one test module.
 
     Parameters
     ----------
     folder : Path
-        An empty folder that everybody may enter: root, whom PostgreSQL refuses, lends it to ``nobody``.
+        An empty folder that any user may enter: as root, which PostgreSQL refuses to run as, the user is ``nobody``.
     password : str
-        Of its user, ``postgres``.
+        Password of its user ``postgres``.
     """
 
     def __init__(self, folder: Path, password: str) -> None:
@@ -74,7 +75,7 @@ class Postgres:
 
     @property
     def variables(self) -> dict[str, str]:
-        """Its place and its user, as PostgreSQL's programs read them from the environment."""
+        """Its address and login, as PostgreSQL's programs read them from the environment."""
         place = {"PGHOST": "127.0.0.1", "PGPORT": str(self.port)}
         return place | {"PGUSER": "postgres", "PGPASSWORD": self._password}
 
@@ -88,11 +89,11 @@ class Postgres:
         self._call("pg_ctl", "stop", "--mode=immediate", f"--pgdata={self._folder}/data")
 
     def dump(self) -> str:
-        """Everything that it holds, as text."""
+        """All its contents as text."""
         return self._call("pg_dump", f"--dbname={self.uri}")
 
     def _call(self, name: str, *arguments: str) -> str:
-        person: dict = {"user": "nobody", "group": "nogroup", "extra_groups": []} if os.getuid() == 0 else {}
+        user: dict[str, Any] = {"user": "nobody", "group": "nogroup", "extra_groups": []} if os.getuid() == 0 else {}
         done = subprocess.run(
             [str(self.programs / name), *arguments],
             cwd=self._folder,
@@ -100,28 +101,28 @@ class Postgres:
             stderr=subprocess.DEVNULL if name == "pg_ctl" else subprocess.PIPE,
             text=True,
             check=True,
-            **person,
+            **user,
         )
         return done.stdout or ""
 
 
-#: No telemetry, and no workers for jobs of other kinds.
+#: No telemetry, and no workers for background jobs.
 LEAN = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 
 
 class Server:
-    """An MLflow server, its workers with it in one process group.
+    """An MLflow server; its workers are in its process group.
 
     Parameters
     ----------
     folder : Path
-        Where its artifacts and its log stand.
+        Holds its artifacts and its log.
     store : str
         Address of its database.
     options : str
-        More of ``mlflow server``.
+        Further options of ``mlflow server``.
     variables : str
-        More of its environment.
+        Further environment variables.
     """
 
     def __init__(self, folder: Path, store: str, *options: str, **variables: str) -> None:
@@ -139,7 +140,7 @@ class Server:
         with (self.folder / "server.log").open("ab") as log:
             self._process = subprocess.Popen(
                 [*self._command, "--host", "127.0.0.1", "--port", str(self.port)],
-                env=os.environ | LEAN | self._variables,
+                env={**os.environ, **LEAN, **self._variables},
                 cwd=self.folder,
                 stdout=log,
                 stderr=log,
@@ -151,7 +152,7 @@ class Server:
             raise AssertionError((self.folder / "server.log").read_text()) from None
 
     def signal(self, sign: signal.Signals) -> None:
-        """To every process of it; SIGSTOP makes a server that takes connections and never answers."""
+        """Signal all its processes; after SIGSTOP it takes connections and never answers."""
         os.killpg(self._process.pid, sign)
 
     def kill(self) -> None:

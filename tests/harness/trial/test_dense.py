@@ -14,7 +14,7 @@ from nrsfm.harness.config.spans import expand
 from nrsfm.harness.evaluate.metrics import affinity_between
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.sweep.plan import plan
-from nrsfm.harness.tracking.answers import answers
+from nrsfm.harness.tracking.runs import answers
 from nrsfm.harness.tracking.tracker import Tracker
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.progress import Reporter, forget, place, steps

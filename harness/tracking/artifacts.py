@@ -1,4 +1,4 @@
-"""What reports read besides the tables' answers: the arrays of a run, and the runs that claims are judged by."""
+"""Arrays of runs, from the trial folders or from the artifacts in the tracker."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Any
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.folder import ARRAYS, read_arrays
 from nrsfm.harness.record.outcome import OK
+from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.tracking.tracker import Tracker
 
 
 class Arrays:
-    """Gives the arrays of runs: from the trial's folder, or where that is elsewhere from the tracker's artifacts.
+    """Reads the arrays of runs: from the trial's folder, or from the tracker's artifacts if the folder is not here.
 
     Parameters
     ----------
@@ -24,8 +25,8 @@ class Arrays:
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         self._read = lru_cache(maxsize=256)(self._load)
 
-    def __call__(self, run: Any) -> dict[str, Any]:
-        """The arrays of a tracked run by name, empty if it left none."""
+    def __call__(self, run: Tracked) -> dict[str, Any]:
+        """The arrays of a run by name; empty if it has none."""
         return self._read(run.outcome.key, run.run_id) if run.outcome.status == OK else {}
 
     def _load(self, key: str, run_id: str) -> dict[str, Any]:
