@@ -20,6 +20,7 @@ from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.tracking.answers import answers
+from nrsfm.reports.layouts.baseline import published
 
 
 def main(argv: Sequence[str]) -> int:
@@ -34,7 +35,7 @@ def main(argv: Sequence[str]) -> int:
     overrides = _with_experiment(given.overrides)
     settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
     against, outcomes = str(settings["against"]), measured(overrides)
-    paper = compare(None, outcomes, against="published")
+    paper = compare(published(outcomes), outcomes, against="published")
     if against == "blessed":
         baseline = Baseline.read(locate(str(settings["baseline"])))
         own = compare(baseline, outcomes, tolerances(settings["tolerances"]))

@@ -13,7 +13,6 @@ from nrsfm.harness.gate.comparison import Comparison, Line, State
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import one_line
-from nrsfm.reports.layouts.baseline import published
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
 
 
 def compare(
-    baseline: Baseline | None,
+    baseline: Baseline,
     outcomes: Iterable[Outcome],
     tolerances: Mapping[str, Tolerance] | None = None,
     against: str = "blessed",
@@ -88,8 +87,8 @@ def compare(
 
     Parameters
     ----------
-    baseline : Baseline or None
-        May be None against published numbers.
+    baseline : Baseline
+        The blessed one, or that of :func:`nrsfm.reports.layouts.baseline.published`.
     outcomes : iterable of Outcome
         What was measured.
     tolerances : mapping, optional
@@ -110,13 +109,13 @@ def compare(
     """
     outcomes = list({outcome.key: outcome for outcome in outcomes}.values())
     if against == "published":
-        baseline, chosen = published(outcomes), tolerances or PUBLISHED_TOLERANCES
+        chosen = tolerances or PUBLISHED_TOLERANCES
         known = {row.key for row in baseline.rows}
         outcomes = [o for o in outcomes if known & {(row := Blessed.of([o])).key, row.other}]
-    elif against == "blessed" and baseline is not None:
+    elif against == "blessed":
         chosen = tolerances or BLESSED_TOLERANCES
     else:
-        raise UsageError(f"compare against {one_line(against)!r}: wanted published, or blessed with a baseline")
+        raise UsageError(f"compare against {one_line(against)!r}: wanted blessed or published")
     measured = index(outcomes, None)
     errors = {Blessed.of([o]).key: o.error for o in outcomes if o.status != OK}
     lines: list[Line] = []
