@@ -14,10 +14,10 @@ from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
 from nrsfm.reports.claims import claims
 from nrsfm.reports.claims.findings import Evidence, Judged
-from nrsfm.reports.figures.catalogue import charts
-from nrsfm.reports.figures.charts import Chart
+from nrsfm.reports.figures.chart import Chart
+from nrsfm.reports.figures.charts import charts
 from nrsfm.reports.formats.documents import FORMATS
-from nrsfm.reports.page.report import page
+from nrsfm.reports.page.report_page import page
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Table
 
@@ -105,7 +105,7 @@ class Report:
 
     def draw(self, folder: Path) -> list[Path]:
         """Write every chart, and a picture of each finished run with a structure, as svg, pdf and png."""
-        from nrsfm.reports.figures.overview import save
+        from nrsfm.reports.figures.draw_run import save
 
         paths = []
         for name, figure in self._figures():
@@ -115,8 +115,8 @@ class Report:
         return paths
 
     def _figures(self) -> Iterator[tuple[str, Figure]]:
-        from nrsfm.reports.figures.drawing import chart_figure
-        from nrsfm.reports.figures.overview import overview
+        from nrsfm.reports.figures.draw_chart import chart_figure
+        from nrsfm.reports.figures.draw_run import overview
 
         for chart in self.charts:
             yield chart.name, chart_figure(chart)

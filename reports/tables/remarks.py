@@ -10,7 +10,8 @@ from nrsfm.harness.record.environment import COMPUTES, MACHINE, STATE
 from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
-from nrsfm.reports.layouts.layout import DISTANCES, Layout, Metric
+from nrsfm.reports.layouts.layout import Layout
+from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.grid import Grid
 from nrsfm.reports.tables.model import Column, Note, Row
 
@@ -100,13 +101,10 @@ def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
             yield Note(f"{label}: {shared}.")
 
 
-def _meaning(metric: Metric, published: bool) -> Iterator[str]:
-    if metric.logged == "e_3d_dai" and metric.beside:
-        yield (
-            "e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers follow; "
-            "e_3d, the error of the paper's printed equation, stands next to it."
-        )
-    if metric.pool in DISTANCES:
+def _meaning(metric: TableMetric, published: bool) -> Iterator[str]:
+    if metric.beside and metric.metric.remark:
+        yield metric.metric.remark
+    if metric.distance:
         return  # the caption says
     if metric.pool:
         yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."

@@ -9,15 +9,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nrsfm.harness.solving.solution import Solution, load, solve
+    from nrsfm.harness.solving.solution import Solution
+    from nrsfm.harness.solving.solve import load, solve
 
     __version__: str
 
 #: Public names and the modules that define them, imported when a name is first used.
 _HOMES = {
     "Solution": "nrsfm.harness.solving.solution",
-    "load": "nrsfm.harness.solving.solution",
-    "solve": "nrsfm.harness.solving.solution",
+    "load": "nrsfm.harness.solving.solve",
+    "solve": "nrsfm.harness.solving.solve",
 }
 
 __all__ = ["Solution", "__version__", "load", "solve"]

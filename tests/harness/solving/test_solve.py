@@ -24,8 +24,9 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import n_wrong
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.solving import export
-from nrsfm.harness.solving.solution import Solution, load, solve
+from nrsfm.harness.solving.folder import NAMES
+from nrsfm.harness.solving.solution import Solution
+from nrsfm.harness.solving.solve import load, solve
 from nrsfm.methods.base import Method, MethodError, Reconstruction
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.reports.figures.style import COLOURS
@@ -88,7 +89,7 @@ def test_two_bodies_are_told_apart(
     if write is not to_csv:
         assert float(said["e_3D"].split()[0]) < 0.12
     folder = tmp_path / "out/solve/tracks"
-    assert names(folder) == export.OURS
+    assert names(folder) == NAMES
     assert not list(folder.parent.glob(".*"))  # nothing half
 
 
@@ -167,7 +168,7 @@ def test_names_that_need_care(scene: Scene, tmp_path: Path) -> None:
 
 def test_counting_is_said_to_be_unsure(scene: Scene, tmp_path: Path, nrsfm: Shell) -> None:
     done = nrsfm("solve", str(to_npz(tmp_path, scene)), "--bodies", "auto")
-    assert done.returncode == 0 and "counted by the method, which is seldom right: say the number" in done.stdout
+    assert done.returncode == 0 and "counted by the method, which is often wrong: give the number" in done.stdout
 
 
 def test_any_method_and_setting(scene: Scene, tmp_path: Path, nrsfm: Shell) -> None:
@@ -175,7 +176,7 @@ def test_any_method_and_setting(scene: Scene, tmp_path: Path, nrsfm: Shell) -> N
     done = nrsfm("solve", path, "--method", "ssc2d", "method.clusterer.share=0.7", "--out", "labels only")
     assert done.returncode == 0 and "no structure" not in done.stderr
     held = names(tmp_path / "labels only")
-    assert held == export.OURS - {"structure.csv", "cameras.csv", "ply"}
+    assert held == NAMES - {"structure.csv", "cameras.csv", "ply"}
     assert "cameras       not used" in done.stdout and "reprojection" not in done.stdout
     done = nrsfm("solve", path, "--method", "bmm", "--cameras", "estimated", "--rank", "3", "method.max_iter=50")
     assert done.returncode == 0 and "from the tracks, K = 3" in done.stdout and "bodies" not in done.stdout
@@ -228,7 +229,7 @@ COMMANDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "none.npz is not there; name a file of tracks": (2, ("none.npz", "--bodies", "2")),
     "wanted .npz, .mat, .csv, .c3d": (2, ("notes.txt", "--bodies", "2")),
     "not a readable .npz file": (2, ("bad.npz", "--bodies", "2")),
-    "how many bodies are there? Say": (3, ("bare.npz",)),
+    "how many bodies are there? Set": (3, ("bare.npz",)),
     "there are no cameras in the file": (3, ("bare.npz", "--bodies", "2", "--cameras", "known")),
     "--bodies is 'two', wanted a whole number or auto": (3, ("bare.npz", "--bodies", "two")),
     "n_bodies is 0, wanted auto or": (3, ("bare.npz", "--bodies", "0")),
@@ -238,12 +239,12 @@ COMMANDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "cameras.rank is 0, wanted a whole number": (2, ("bare.npz", "--bodies", "2", "--rank", "0")),
     "its hyper-parameters are": (2, ("bare.npz", "--bodies", "2", "+method.speed=9")),
     "limits.memory_gb is 0.01; raise it": (3, ("bare.npz", "--bodies", "2", "limits.memory_gb=0.01")),
-    "bare.npz takes no folder (Not a directory); name another with --out": (
+    "bare.npz (Not a directory); choose another with --out": (
         3,
         ("bare.npz", "--bodies", "2", "--out", "bare.npz/x"),
     ),
-    "mine is there and no solution of nrsfm solve": (3, ("bare.npz", "--bodies", "2", "--out", "mine")),
-    "notes.txt is there and no solution": (3, ("bare.npz", "--bodies", "2", "--out", "notes.txt")),
+    "mine exists and is no solution of nrsfm solve": (3, ("bare.npz", "--bodies", "2", "--out", "mine")),
+    "notes.txt exists and is no solution": (3, ("bare.npz", "--bodies", "2", "--out", "notes.txt")),
     "'letter.txt', which would be lost": (3, ("bare.npz", "--bodies", "2", "--out", "ours")),
     "the following arguments are required": (3, ()),
     "cannot be estimated from": (2, ("short.npz", "--bodies", "2")),
@@ -319,9 +320,9 @@ def test_a_method_of_another_package(scene: Scene, tmp_path: Path, shell: Shell)
 WRITER = """
 import sys, time
 from pathlib import Path
-from nrsfm.harness.solving import export
-from nrsfm.harness.solving.solution import solve
-export.page = lambda solution: (print("writing", flush=True), time.sleep(600))
+from nrsfm.harness.solving.solution import Solution
+from nrsfm.harness.solving.solve import solve
+Solution.page = lambda solution: (print("writing", flush=True), time.sleep(600))
 solve(sys.argv[1], 2).save(sys.argv[2])
 """
 
@@ -339,7 +340,7 @@ def test_killed_while_it_writes_leaves_nothing_half(scene: Scene, tmp_path: Path
             assert folder.exists() == before
             child.kill()
         assert len(list(tmp_path.glob(".found.*"))) == 1
-    assert (folder / "summary.txt").read_bytes() == old and names(folder) == export.OURS
+    assert (folder / "summary.txt").read_bytes() == old and names(folder) == NAMES
 
 
 def test_ctrl_c_leaves_one_line(scene: Scene, tmp_path: Path, environment: dict[str, str]) -> None:
@@ -389,7 +390,7 @@ def test_the_lines_of_the_readme(readers_folder: Path, monkeypatch: pytest.Monke
     held: dict[str, Any] = {}
     exec("\n".join(lines), held)
     assert isinstance(held["solution"], Solution) and held["solution"].metrics["n_wrong"] == 0
-    assert names(readers_folder / "found") == export.OURS
+    assert names(readers_folder / "found") == NAMES
     page = Path(opened[0].removeprefix("file://"))
     assert "<title>tracks</title>" in page.read_text()
     page.unlink()
@@ -400,7 +401,7 @@ def test_the_commands_of_the_documents(readers_folder: Path, nrsfm: Shell) -> No
     found = [
         command
         for text in (section(), PAGE.read_text())
-        for command in re.findall(r"(?m)^(?:    )?harness (.*)$", text)
+        for command in re.findall(r"(?m)^(?:    )?nrsfm (.*)$", text)
     ]
     commands = list(dict.fromkeys(found))
     assert len(commands) == 4

@@ -16,8 +16,8 @@ from nrsfm.reports.claims.claims import judge
 from nrsfm.reports.claims.findings import Evidence
 from nrsfm.reports.formats import documents as writers
 from nrsfm.reports.formats.console import console
-from nrsfm.reports.formats.records import from_json, records
-from nrsfm.reports.page.report import page, plotly
+from nrsfm.reports.formats.records import records
+from nrsfm.reports.page.report_page import page, plotly
 from nrsfm.reports.report import Report
 from nrsfm.reports.tables.build import build
 
@@ -91,10 +91,18 @@ def tabulars(tex: str) -> list[tuple[int, list[int]]]:
     return found
 
 
-class TestRoundTrips:
-    def test_json(self, table1_answers, table2_answers, mixed, hostile):
+class TestData:
+    def test_json_holds_the_whole_table(self, table1_answers, table2_answers, mixed, hostile):
         for table in (build("table1", table1_answers), build("table2", table2_answers), mixed, hostile):
-            assert from_json(writers.json_text(table)) == table
+            data = json.loads(writers.json_text(table))
+            assert data["cells"] == list(records(table))
+            assert [row["label"] for row in data["rows"]] == [row.label for row in table.rows]
+            assert [(note["text"], note["loud"]) for note in data["notes"]] == [(n.text, n.loud) for n in table.notes]
+            assert [(c["method"], c["metric"]["name"], c["metric"]["logged"]) for c in data["columns"]] == [
+                (column.method, column.metric.name, column.metric.logged) for column in table.columns
+            ]
+            means = [[cell["measured"] for cell in row["cells"]] for row in data["means"]]
+            assert means == [[cell.measured for cell in row.cells] for row in table.means]
 
     def test_csv(self, mixed, hostile):
         for table in (mixed, hostile):
@@ -112,11 +120,6 @@ class TestRoundTrips:
                     else:
                         assert row[name] == ("" if value is None else str(value))
 
-    @pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": 2}', '{"schema": 1, "columns": 3}', "null"])
-    def test_other_json_is_refused(self, text):
-        with pytest.raises(ValueError):
-            from_json(text)
-
     def test_one_line_a_cell_with_its_trial_and_run(self, table1_answers):
         rows = list(csv.DictReader(io.StringIO(writers.csv_text(build("table1", table1_answers)))))
         assert len({(row["dataset"], row["method"], row["metric"]) for row in rows}) == len(rows) == 32
@@ -129,10 +132,9 @@ class TestRoundTrips:
 
 @pytest.mark.parametrize("ending", list(writers.FORMATS))
 class TestEveryFormat:
-    def test_the_same_bytes_again(self, ending, mixed, table2_answers):
-        for table in (mixed, build("table2", table2_answers)):
-            again = from_json(writers.json_text(table))
-            assert writers.FORMATS[ending](again) == writers.FORMATS[ending](table)
+    def test_the_same_bytes_again(self, ending, table2_answers):
+        texts = [writers.FORMATS[ending](build("table2", table2_answers)) for _ in range(2)]
+        assert texts[0] == texts[1]
 
     def test_stand_ins_are_labelled_in_name_and_notes(self, ending, mixed):
         text = writers.FORMATS[ending](mixed)

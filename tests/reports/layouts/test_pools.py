@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import statistics
 from dataclasses import replace
@@ -13,12 +14,12 @@ import pytest
 from nrsfm.datasets.real import hopkins
 from nrsfm.harness.config.spans import expand
 from nrsfm.reports.formats import documents as writers
-from nrsfm.reports.formats.records import from_json
+from nrsfm.reports.formats.records import records
 from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.baseline import wrong_tracks
-from nrsfm.reports.layouts.layout import E_MS, Layout, Method, Pool
-from nrsfm.reports.layouts.metrics import MEAN, MEDIAN
-from nrsfm.reports.layouts.paper import LAYOUTS
+from nrsfm.reports.layouts.index import LAYOUTS
+from nrsfm.reports.layouts.layout import Layout, Method, Pool
+from nrsfm.reports.layouts.metrics import E_MS, MEAN, MEDIAN
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Verdict
 from tests.reports.conftest import POINTS
@@ -128,9 +129,10 @@ class TestParts:
         assert float(pooled[4]["measured"]) == pytest.approx(statistics.fmean(shares))
         assert float(pooled[5]["measured"]) == pytest.approx(statistics.median(shares))
 
-    def test_json_gives_all_of_it_back(self, answers):
+    def test_json_holds_the_parts(self, answers):
         table = build("some", answers, SOME)
-        assert from_json(writers.json_text(table)) == table
+        data = json.loads(writers.json_text(table))
+        assert data["cells"] == list(records(table)) and data["parts"]["cells"] == list(records(table.parts))
 
     @pytest.mark.parametrize("ending", list(writers.FORMATS))
     def test_every_format_says_it(self, ending, answers):
@@ -187,10 +189,6 @@ class TestDistances:
         (found,) = build("scene_study", [answer("face_yoga", "ssc2d", 1, stand_in=True)]).rows[-1].cells
         assert found.measured is None and "generated" in found.reason
 
-    def test_json_gives_all_of_it_back(self, answer):
-        table, _ = self.rows(answer, {"native": {"motion": "native"}}, (1.3,))
-        assert from_json(writers.json_text(table)) == table
-
     @pytest.mark.parametrize("ending", list(writers.FORMATS))
     def test_every_format_says_it(self, ending, answer):
         table, _ = self.rows(answer, {"native": {"motion": "native"}}, (1.3,))
@@ -223,4 +221,4 @@ def test_parts_tell_what_was_found(answer):
     table = build("count_bodies", [answer("dance_yoga", "ours", 3, **more, n_bodies_found=4.0, eigengap=0.5)])
     assert table.parts is not None
     assert [cell.measured for _, _, cell in table.parts.cells()] == [4.0, 0.5, 0.3]
-    assert table.rows[0].setting.bodies == "auto" and from_json(writers.json_text(table)) == table
+    assert table.rows[0].setting.bodies == "auto"

@@ -11,8 +11,9 @@ import nrsfm.reports.paper
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.baseline import wrong_tracks
-from nrsfm.reports.layouts.layout import E_3D, E_MS, Layout, Method
-from nrsfm.reports.layouts.paper import LAYOUTS
+from nrsfm.reports.layouts.index import LAYOUTS
+from nrsfm.reports.layouts.layout import Layout, Method
+from nrsfm.reports.layouts.metrics import E_3D, E_MS
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Verdict
 

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.tracked import Fetch, Tracked
 from nrsfm.reports.claims.findings import Judged
-from nrsfm.reports.figures.charts import Chart
+from nrsfm.reports.figures.chart import Chart
 from nrsfm.reports.figures.style import COLOURS
 from nrsfm.reports.formats.documents import html_environment
 from nrsfm.reports.page.runs import details
@@ -56,7 +56,7 @@ def page(
     told, blobs = details(runs.values(), fetch, _viewed(tables))
     drawn = {chart.name: chart.data(blobs) for chart in charts}
     data = {"runs": told, "charts": drawn, "blobs": blobs.held, "colours": COLOURS}
-    template = html_environment().get_template("index.html.j2")
+    template = html_environment().get_template("report.html.j2")
     return template.render(
         page=True,
         tables=tables,
@@ -66,7 +66,7 @@ def page(
         versions=_versions(told),
         data=script_json(data),
         library=Markup(plotly()),
-        script=scripts("player.js", "index.js"),
+        script=scripts("player.js", "report.js"),
     )
 
 

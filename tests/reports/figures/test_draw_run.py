@@ -14,7 +14,7 @@ from nrsfm.harness.evaluate.matching import matched
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import binned
-from nrsfm.reports.figures.overview import overview, save
+from nrsfm.reports.figures.draw_run import overview, save
 from nrsfm.reports.figures.style import COLOURS
 from nrsfm.reports.formats.embed import update_document
 from nrsfm.reports.tables.build import build

@@ -8,8 +8,8 @@ from typing import Any
 
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.layouts.labels import method_label
 from nrsfm.reports.layouts.layout import SCENE, Layout, Method
-from nrsfm.reports.layouts.paper import LABELS
 
 #: What rows are called by, or averaged over.
 ROWS = frozenset(
@@ -37,7 +37,7 @@ def span(trials: Sequence[Trial]) -> Layout:
         where = {path: settings[path] for path in paths if path in settings}
         words = ", ".join(f"{path.partition('.')[2]} {one_line(str(value))}" for path, value in where.items())
         name = settings["method.name"]
-        label = f"{LABELS.get(name, one_line(name))}, {words}" if words else ""
+        label = f"{method_label(name)}, {words}" if words else ""
         column = Method(name, where=where, label=label)
         columns.setdefault(column.key, column)
     return Layout("This sweep", "Every scene and method that it spans.", tuple(columns.values()))

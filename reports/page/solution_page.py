@@ -16,7 +16,7 @@ from nrsfm.reports.figures.affinity import picture
 from nrsfm.reports.figures.blobs import Blobs
 from nrsfm.reports.figures.style import COLOURS
 from nrsfm.reports.formats.documents import html_environment
-from nrsfm.reports.page.report import plotly, script_json, scripts
+from nrsfm.reports.page.report_page import plotly, script_json, scripts
 
 BUDGET = 12 << 20  # bytes of positions, before base64
 
@@ -94,7 +94,7 @@ def view(shown: Shown) -> str:
     names = [] if shown.labels is None else [(_label(shown, k), _colour(k)) for k in np.unique(shown.labels).tolist()]
     return (
         html_environment()
-        .get_template("view.html.j2")
+        .get_template("solution.html.j2")
         .render(
             page=True,
             title=one_line(shown.title),
@@ -104,7 +104,7 @@ def view(shown: Shown) -> str:
             viewed="view" in run,
             data=script_json({"run": run, "blobs": blobs.held, "colours": COLOURS}),
             library=Markup(plotly()),
-            script=scripts("player.js", "view.js"),
+            script=scripts("player.js", "solution.js"),
         )
     )
 
