@@ -1,4 +1,4 @@
-"""A chart as data: panels of lines or of a matrix. Files and the page are drawn from it and nothing else."""
+"""A chart as data: panels of lines or of a matrix. The figure files and the page are drawn from it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.reports.figures.blobs import Blobs
+from nrsfm.reports.figures.page_data import Blobs, rounded
 from nrsfm.reports.figures.style import look
 
 
@@ -53,17 +53,17 @@ class Chart:
 
 
 def _panel(panel: Panel, blobs: Blobs) -> dict[str, Any]:
-    told: dict[str, Any] = {name: getattr(panel, name) for name in ("title", "x", "y", "edges", "log_x", "log_y")}
-    told["matrix"] = None if panel.matrix is None else blobs.add(panel.matrix, "uint8")
-    told["series"] = [
+    data: dict[str, Any] = {name: getattr(panel, name) for name in ("title", "x", "y", "edges", "log_x", "log_y")}
+    data["matrix"] = None if panel.matrix is None else blobs.add(panel.matrix, "uint8")
+    data["series"] = [
         {
             "label": series.label,
-            "x": [float(f"{v:.6g}") for v in series.x],
-            "y": [float(f"{v:.6g}") for v in series.y],
-            "spread": [float(f"{v:.6g}") for v in series.spread],
+            "x": rounded(series.x),
+            "y": rounded(series.y),
+            "spread": rounded(series.spread),
             "scatter": series.scatter,
             "look": {name: getattr(look(series.place), name) for name in ("colour", "symbol", "dash")},
         }
         for series in panel.series
     ]
-    return told
+    return data

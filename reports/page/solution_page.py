@@ -1,4 +1,4 @@
-"""One reconstruction as a page that needs nothing else: a 3D view to turn and play, the facts, and the curves."""
+"""A solution as one standalone page: a 3D view to turn and play, the facts, and the curves."""
 
 from __future__ import annotations
 
@@ -7,29 +7,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
-from nrsfm.harness.record.curves import thinned
 from nrsfm.harness.record.text import one_line
-from nrsfm.reports.figures.affinity import picture
-from nrsfm.reports.figures.blobs import Blobs
+from nrsfm.reports.figures.page_data import Blobs, evenly, rounded
 from nrsfm.reports.figures.style import COLOURS
-from nrsfm.reports.formats.documents import html_environment
-from nrsfm.reports.page.report_page import plotly, script_json, scripts
+from nrsfm.reports.page.standalone import render_page
+from nrsfm.reports.page.view3d import plot_data, view_data
 
 BUDGET = 12 << 20  # bytes of positions, before base64
 
-
-FRAMES, POINTS = 300, 6000  # that are shown at most, evenly taken
-
+FRAMES, POINTS = 300, 6000  # the most that the view shows, evenly taken
 
 SMALL = 1500  # points, above which markers are small
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page shows.
+    """The contents of the page.
 
     Parameters
     ----------
@@ -38,7 +33,7 @@ class Shown:
     structure, truth : (F, 3, P) array or None
         In the same axes and units.
     cameras : (F, 2, 3) array or None
-        Give the direction to look from.
+        For the direction of view.
     labels : (P,) int array or None
     bodies : sequence of str
         Names of the labels.
@@ -49,7 +44,7 @@ class Shown:
     edges : (E, 2) int array
     affinity : (P, P) array, sparse array or None
     history : mapping
-        Curves by iteration.
+        Curves of the method by iteration.
     errors : (F,) array or None
         e_3D of each frame.
     """
@@ -71,78 +66,55 @@ class Shown:
 
 
 def view(shown: Shown) -> str:
-    """The page: HTML that loads nothing. What is too much for it is thinned evenly, and it says so.
+    """The page as HTML that loads nothing from elsewhere; it says so where it shows a part of the frames or tracks.
 
     Raises
     ------
     UsageError
         If plotly is not installed.
     """
-    blobs, told = Blobs(), ""
-    run: dict[str, Any] = {}
+    blobs = Blobs()
+    history = {f"history_{name}": values for name, values in shown.history.items()}
+    run, remark = plot_data(blobs, history, shown.errors, shown.affinity, shown.labels), ""
     if shown.structure is not None:
-        run["view"], told = _view(shown, blobs)
-    run["curves"] = {
-        name: {"x": steps.tolist(), "y": _short(values)}
-        for name, (steps, values) in thinned({f"history_{k}": v for k, v in shown.history.items()}).items()
-    }
-    if shown.errors is not None:
-        run["frames"] = _short(shown.errors)
-    if shown.affinity is not None:
-        A, edges = picture(shown.affinity, shown.labels)
-        run["affinity"] = {"matrix": blobs.add(A, "uint8"), "edges": edges.tolist()}
-    names = [] if shown.labels is None else [(_label(shown, k), _colour(k)) for k in np.unique(shown.labels).tolist()]
-    return (
-        html_environment()
-        .get_template("solution.html.j2")
-        .render(
-            page=True,
-            title=one_line(shown.title),
-            facts=[(one_line(name, 60), one_line(value, 400)) for name, value in shown.facts],
-            bodies=names,
-            thinned=told,
-            viewed="view" in run,
-            data=script_json({"run": run, "blobs": blobs.held, "colours": COLOURS}),
-            library=Markup(plotly()),
-            script=scripts("player.js", "solution.js"),
-        )
+        run["view"], remark = _view(shown, shown.structure, blobs)
+    return render_page(
+        "solution",
+        {"run": run},
+        blobs,
+        title=one_line(shown.title),
+        facts=[(one_line(name, 60), one_line(value, 400)) for name, value in shown.facts],
+        bodies=[(label, COLOURS[k % len(COLOURS)]) for k, label in _body_labels(shown).items()],
+        thinned=remark,
+        viewed="view" in run,
     )
 
 
-def _view(shown: Shown, blobs: Blobs) -> tuple[dict[str, Any], str]:
-    """The frames and points that are played, and what is left out of them."""
-    S = shown.structure
-    assert S is not None
+def _view(shown: Shown, S: NDArray[Any], blobs: Blobs) -> tuple[dict[str, Any], str]:
+    """Data of the 3D view, and a remark on the frames and points that it leaves out."""
     F, _, P = S.shape
-    points = np.unique(np.linspace(0, P - 1, min(P, POINTS)).round().astype(int))
+    points = evenly(P, POINTS)
     copies = 1 if shown.truth is None else 2
-    step = -(-F // int(np.clip(BUDGET // (6 * copies * len(points)), 8, FRAMES)))
-    turned = np.eye(3) if shown.truth is not None or shown.cameras is None else _facing(shown.cameras[0])
-    data: dict[str, Any] = {"step": step, "total": F, "size": 4 if len(points) <= SMALL else 2}
-    for name, X in (("found", S), ("truth", shown.truth)):
-        if X is not None:
-            X = X[::step][:, :, points]
-            data[name] = blobs.add(turned @ (X - np.nanmean(X, axis=2, keepdims=True)), "int16")
+    frames = int(np.clip(BUDGET // (6 * copies * len(points)), 8, FRAMES))
     eye = np.array([1.0, -2.1, 0.6])
-    if shown.truth is not None and shown.cameras is not None:
-        eye = _facing(shown.cameras[0]).T @ eye
-    data["eye"] = dict(zip("xyz", _short(eye), strict=True))
+    if shown.cameras is not None:
+        facing = _facing(shown.cameras[0])
+        if shown.truth is None:
+            S = facing @ S
+        else:
+            eye = facing.T @ eye
+    data = view_data(blobs, S, shown.truth, shown.labels, shown.wrong, shown.edges, frames=frames, points=POINTS)
+    step = data["step"]
+    data["size"] = 4 if len(points) <= SMALL else 2
+    data["eye"] = dict(zip("xyz", rounded(eye.tolist()), strict=True))
     data["ids"] = [one_line(shown.ids[p], 60) for p in points.tolist()]
     if list(shown.frames) != list(map(str, range(F))):
         data["frames"] = [one_line(name, 60) for name in shown.frames[::step]]
     if shown.labels is not None:
-        data["labels"] = shown.labels[points].tolist()
-        data["bodies"] = {k: _label(shown, k) for k in np.unique(shown.labels).tolist()}
-    if shown.wrong is not None:
-        data["wrong"] = np.flatnonzero(shown.wrong[points]).tolist()
-    if shown.edges is not None and len(points) == P:
-        data["edges"] = shown.edges.tolist()
-    told = []
-    if step > 1:
-        told.append(f"{len(range(0, F, step))} of {F} frames")
-    if len(points) < P:
-        told.append(f"{len(points)} of {P} tracks")
-    return data, f"The view shows {' and '.join(told)}, evenly taken; the files hold all." if told else ""
+        data["bodies"] = _body_labels(shown)
+    parts = [(len(range(0, F, step)), F, "frames"), (len(points), P, "tracks")]
+    left_out = " and ".join(f"{some} of {whole} {name}" for some, whole, name in parts if some < whole)
+    return data, f"The view shows {left_out}, evenly taken; the files hold all." if left_out else ""
 
 
 def _facing(camera: NDArray[Any]) -> NDArray[Any]:
@@ -151,17 +123,9 @@ def _facing(camera: NDArray[Any]) -> NDArray[Any]:
     return np.stack([right, np.cross(up, right), up])
 
 
-def _label(shown: Shown, k: int) -> str:
-    """``walker (41 tracks)``."""
-    assert shown.labels is not None
-    n = int((shown.labels == k).sum())
-    return f"{one_line(shown.bodies[k], 60)} ({n} track{'' if n == 1 else 's'})"
-
-
-def _colour(k: int) -> str:
-    return COLOURS[k % len(COLOURS)]
-
-
-def _short(values: NDArray[Any]) -> list[float | None]:
-    """Six significant digits; None where there is no number."""
-    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]
+def _body_labels(shown: Shown) -> dict[int, str]:
+    """Label -> ``walker (41 tracks)``."""
+    if shown.labels is None:
+        return {}
+    counts = zip(*(part.tolist() for part in np.unique(shown.labels, return_counts=True)), strict=True)
+    return {k: f"{one_line(shown.bodies[k], 60)} ({n} track{'' if n == 1 else 's'})" for k, n in counts}

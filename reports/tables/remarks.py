@@ -8,6 +8,7 @@ from typing import Any
 
 from nrsfm.harness.record.environment import COMPUTES, MACHINE, STATE
 from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
+from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
 from nrsfm.reports.layouts.layout import Layout
@@ -122,15 +123,13 @@ def _meaning(metric: TableMetric, published: bool) -> Iterator[str]:
         )
 
 
-def _flat(group: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """A configuration's settings by dotted name, as text."""
-    flat: dict[str, str] = {}
-    for name, value in group.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{name}.")
-        elif not str(name).startswith("_") and name not in NOT_SETTINGS:
-            flat[one_line(prefix + str(name), 60)] = one_line("none" if value is None else value, 60)
-    return flat
+def _flat(group: Mapping[str, Any]) -> dict[str, str]:
+    """Settings by dotted name, as text, without :data:`NOT_SETTINGS`."""
+    return {
+        one_line(path, 60): one_line("none" if value is None else value, 60)
+        for path, value in flatten(group).items()
+        if not (name := path.rpartition(".")[2]).startswith("_") and name not in NOT_SETTINGS
+    }
 
 
 def _asked(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:

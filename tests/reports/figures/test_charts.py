@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from nrsfm.reports.figures.affinity import picture
-from nrsfm.reports.figures.blobs import Blobs
 from nrsfm.reports.figures.chart import Chart
 from nrsfm.reports.figures.charts import FIGURES, charts
 from nrsfm.reports.figures.draw_chart import chart_figure
 from nrsfm.reports.figures.draw_run import save
+from nrsfm.reports.figures.page_data import Blobs
 from nrsfm.reports.figures.style import look
 from tests.reports.conftest import Tracked, make_answer
 

@@ -17,7 +17,8 @@ from nrsfm.reports.claims.findings import Evidence
 from nrsfm.reports.formats import documents as writers
 from nrsfm.reports.formats.console import console
 from nrsfm.reports.formats.records import records
-from nrsfm.reports.page.report_page import page, plotly
+from nrsfm.reports.page.report_page import page
+from nrsfm.reports.page.standalone import plotly
 from nrsfm.reports.report import Report
 from nrsfm.reports.tables.build import build
 

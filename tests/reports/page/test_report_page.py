@@ -14,9 +14,10 @@ import pytest
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.reports.figures.blobs import Blobs
-from nrsfm.reports.page.report_page import plotly, script_json, totals
+from nrsfm.reports.figures.page_data import Blobs
+from nrsfm.reports.page.report_page import totals
 from nrsfm.reports.page.runs import BUDGET, FRAMES, details
+from nrsfm.reports.page.standalone import plotly, script_json
 from nrsfm.reports.report import Report
 from tests.reports.conftest import Tracked, make_answer
 
