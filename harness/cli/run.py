@@ -92,8 +92,8 @@ def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) ->
     """Print the tables that a sweep of these trials has just filled."""
     from nrsfm.harness.tracking.runs import recorded
     from nrsfm.reports.formats.console import console
-    from nrsfm.reports.layouts.paper import FILLS
-    from nrsfm.reports.layouts.sweep import span
+    from nrsfm.reports.layouts.index import FILLS
+    from nrsfm.reports.layouts.sweep_table import span
     from nrsfm.reports.tables.build import build
 
     named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]

@@ -38,8 +38,8 @@ def main(argv: Sequence[str]) -> int:
 def _solve(given: Any) -> int:
     from nrsfm.harness.config.compose import compose_config
     from nrsfm.harness.config.settings import read
-    from nrsfm.harness.solving.export import VIEW, check_folder, save
-    from nrsfm.harness.solving.solution import load, solve
+    from nrsfm.harness.solving.folder import VIEW, check_folder
+    from nrsfm.harness.solving.solve import load, solve
     from nrsfm.methods.base import MethodError
 
     n_bodies = _number(given.bodies)
@@ -63,7 +63,7 @@ def _solve(given: Any) -> int:
         print(f"nrsfm solve: {given.method} ended with {said}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
     print(solution)
-    save(solution, folder)
+    solution.save(folder)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
     if given.open:

@@ -1,30 +1,32 @@
-"""Which cluster is which body."""
+"""Matching of clusters to bodies."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from nrsfm.methods.base import Labels
 
-def matched(labels: NDArray[Any], truth: NDArray[Any] | None) -> NDArray[Any]:
-    """Clusters (P,) renamed after the bodies that they match best, so that colours mean bodies.
 
-    Clusters beyond the bodies take the next free names; without the truth nothing is renamed.
+def matched(labels: Labels, truth: Labels | None) -> Labels:
+    """Clusters (P,) renamed to the bodies that they match best one to one, so that colours mean bodies.
+
+    Clusters without a body take the next free names. Without the truth nothing is renamed.
     """
     if truth is None:
         return labels
-    found, bodies = np.unique(labels), np.unique(truth)
-    overlap = np.array([[((labels == a) & (truth == b)).sum() for b in bodies] for a in found])
+    clusters, cluster = np.unique(labels, return_inverse=True)
+    bodies, body = np.unique(truth, return_inverse=True)
+    overlap = np.zeros((len(clusters), len(bodies)), dtype=int)
+    np.add.at(overlap, (cluster, body), 1)
     rows, columns = linear_sum_assignment(-overlap)
-    names = {found[r]: bodies[c] for r, c in zip(rows, columns, strict=True)}
-    for spare, label in enumerate((label for label in found if label not in names), start=int(bodies.max()) + 1):
-        names[label] = spare
-    return np.array([names[label] for label in labels])
+    names = np.full(len(clusters), -1)
+    names[rows] = bodies[columns]
+    spare = names < 0
+    names[spare] = bodies.max() + 1 + np.arange(spare.sum())
+    return np.asarray(names[cluster], dtype=np.int64)
 
 
-def called(body: str) -> str:
+def readable(body: str) -> str:
     """A body's name for readers: ``label 2`` where it is a mere number."""
     return f"label {body}" if body.lstrip("-").isdigit() else body

@@ -1,27 +1,82 @@
-"""The metrics: 3D error, rotation error, missegmentation. Truth and estimate in, numbers out.
+"""All metrics: the function that computes each, and :data:`METRICS`, the table of their entries.
 
 Points count whether they were observed or not, where their true place is known; places that are NaN do not count.
+A new metric is a function and an entry here: tables, documents and summaries read the entries.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from nrsfm.datasets.body import centre, observed
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Reconstruction
+from nrsfm.harness.evaluate.alignment import centre_bodies, polar_factor, procrustes
+from nrsfm.harness.evaluate.matching import matched
+from nrsfm.harness.evaluate.metric import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
+from nrsfm.methods.base import Array, Labels, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 from nrsfm.methods.numerics.cameras import axes
 
-Array = NDArray[np.float64]
+
+def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool, counted: bool = False) -> dict[str, float]:
+    """All metrics that the truth of the scene and the parts of the reconstruction allow, by logged name.
+
+    Parameters
+    ----------
+    scene : Scene
+        With or without the truth.
+    found : Reconstruction
+    known_cameras : bool
+        Whether the method was given the true cameras; if not, structures are aligned first.
+    counted : bool
+        Whether the method had to estimate the number of bodies.
+
+    Returns
+    -------
+    dict of str to float
+        In the order of :data:`METRICS`. Metrics that do not apply are left out; all values are finite.
+    """
+    estimate = Estimate(scene, found, known_cameras)
+    return {
+        name: value
+        for metric in METRICS
+        if counted or not metric.counted
+        for name, value in metric.values(estimate).items()
+    }
 
 
-Labels = NDArray[np.int64]
+def by_frame(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, Array]:
+    """``frame_e_3d`` (F,), whose mean is e_3d, and ``alignment`` (3, 3), the matrix that precedes it.
+
+    Empty where there is no truth or no structure. With known cameras the alignment is the identity.
+    """
+    estimate = Estimate(scene, found, known_cameras)
+    try:
+        S, truth = estimate.structure, estimate.truth
+    except Absent:
+        return {}
+    alignment = np.eye(3) if known_cameras else procrustes(S, truth)
+    return {"frame_e_3d": frame_errors(alignment @ S, truth), "alignment": alignment}
+
+
+def brief(values: Mapping[str, float], n_points: int | None) -> list[str]:
+    """The main metrics for one line: ``["e_3d 0.0318", "wrong 0/116"]``."""
+    return [m.brief.format(values[m.name], n_points) for m in METRICS if m.brief and m.name in values]
+
+
+def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
+    """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed.
+
+    NaN where the reconstruction has no structure or no cameras.
+    """
+    if found.structure is None or found.cameras is None:
+        return float("nan")
+    off = centre(centre(scene.tracks) - found.cameras @ found.structure)
+    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
 
 
 def e_3d(estimate: Array, truth: Array) -> float:
@@ -35,7 +90,8 @@ def e_3d(estimate: Array, truth: Array) -> float:
 def frame_errors(estimate: Array, truth: Array) -> Array:
     """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P); NaN where nothing is known."""
     size = _norm(truth, (1, 2))
-    return np.divide(_norm(estimate - truth, (1, 2)), size, out=np.full(len(size), np.nan), where=size > 0)
+    errors: Array = np.divide(_norm(estimate - truth, (1, 2)), size, out=np.full(len(size), np.nan), where=size > 0)
+    return errors
 
 
 def e_3d_total(estimate: Array, truth: Array) -> float:
@@ -43,42 +99,36 @@ def e_3d_total(estimate: Array, truth: Array) -> float:
     return float(_norm(estimate - truth) / _norm(truth))
 
 
-def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
-    """:func:`e_3d` after each body (true labels) is centred per frame: shape alone, without placement."""
-    return e_3d(centre_bodies(estimate, labels), centre_bodies(truth, labels))
-
-
 def e_3d_procrustes(estimate: Array, truth: Array) -> float:
     """:func:`e_3d` after the best orthogonal matrix of each frame."""
-    U, _, Vt = np.linalg.svd(np.nan_to_num(truth) @ np.nan_to_num(estimate).transpose(0, 2, 1))
-    return e_3d((U @ Vt) @ estimate, truth)
+    return e_3d(polar_factor(np.nan_to_num(truth) @ np.nan_to_num(estimate).transpose(0, 2, 1)) @ estimate, truth)
 
 
 def e_3d_dai(estimate: Array, truth: Array) -> float:
-    """Mean distance over frames and points, over the mean per-row standard deviation of the truth.
+    """Mean distance over frames and points, over the mean standard deviation of the truth's rows.
 
     The number of the older literature; Dai, Li, He, CVPR 2012, after Akhter et al. 2011.
     """
     return float(np.nanmean(np.linalg.norm(estimate - truth, axis=1)) / np.nanstd(truth, axis=2).mean())
 
 
+def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
+    """:func:`e_3d` after each body (true labels) is centred per frame: shape alone, without placement."""
+    return e_3d(centre_bodies(estimate, labels), centre_bodies(truth, labels))
+
+
 def e_r(estimate: Array, truth: Array) -> float:
     """Mean over frames of the spectral norm of R_est - R_gt, (F, 2, 3), after one orthogonal matrix."""
-    U, _, Vt = np.linalg.svd(np.einsum("fij,fik->jk", estimate, truth))
-    return float(np.linalg.norm(estimate @ (U @ Vt) - truth, ord=2, axis=(1, 2)).mean())
+    turned = estimate @ polar_factor(np.einsum("fij,fik->jk", estimate, truth))
+    return float(np.linalg.norm(turned - truth, ord=2, axis=(1, 2)).mean())
 
 
 def n_wrong(estimate: Labels, truth: Labels) -> int:
-    """Tracks that stay wrongly labelled under the best one-to-one matching of clusters to bodies.
+    """Number of tracks that are wrongly labelled under the best one-to-one matching of clusters to bodies.
 
-    Where there are more clusters than bodies, or fewer, all tracks of those that stay unmatched are wrong.
+    Where there are more clusters than bodies, or fewer, all tracks of those without a match are wrong.
     """
-    _, est = np.unique(estimate, return_inverse=True)
-    _, true = np.unique(truth, return_inverse=True)
-    table = np.zeros((est.max() + 1, true.max() + 1), dtype=int)
-    np.add.at(table, (est, true), 1)
-    rows, cols = linear_sum_assignment(-table)
-    return int(len(truth) - table[rows, cols].sum())
+    return int((matched(estimate, truth) != truth).sum())
 
 
 def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
@@ -88,155 +138,211 @@ def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
         joins = pairs.row != pairs.col
         total = pairs.data[joins].sum(dtype=float)
         between = pairs.data[truth[pairs.row] != truth[pairs.col]].sum(dtype=float)
-        return float(between / total) if total > 0 else 1.0
-    apart = truth[:, None] != truth[None, :]
-    total = affinity.sum() - np.trace(affinity)
-    return float(affinity[apart].sum() / total) if total > 0 else 1.0
-
-
-def align_procrustes(estimate: Array, truth: Array) -> Array:
-    """One orthogonal matrix (reflection allowed) for the whole sequence, by least squares."""
-    return procrustes(estimate, truth) @ estimate
-
-
-def procrustes(estimate: Array, truth: Array) -> Array:
-    """The orthogonal (3, 3) matrix, reflection allowed, that takes one (F, 3, P) structure nearest to another."""
-    U, _, Vt = np.linalg.svd(np.einsum("fip,fjp->ij", np.nan_to_num(truth), np.nan_to_num(estimate)))
-    return U @ Vt
-
-
-def align_polar(estimate: Array, truth: Array) -> Array:
-    """One orthogonal matrix: the polar factor of the linear fit (S_gt S_est')(S_est S_est')^-1.
-
-    The rule of the block matrix method's released code; not the Procrustes solution.
-    """
-    S_gt, S_est = np.nan_to_num(truth), np.nan_to_num(estimate)
-    cross = np.einsum("fip,fjp->ij", S_gt, S_est)
-    own = np.einsum("fip,fjp->ij", S_est, S_est)
-    U, _, Vt = np.linalg.svd(cross @ np.linalg.pinv(own))
-    return (U @ Vt) @ estimate
-
-
-def centre_bodies(structure: Array, labels: Labels) -> Array:
-    """Subtract each body's centroid in each frame from an (F, 3, P) structure."""
-    centred = structure.copy()
-    for label in np.unique(labels):
-        mine = labels == label
-        centred[:, :, mine] = centre(structure[:, :, mine])
-    return centred
+    else:
+        total = affinity.sum() - np.trace(affinity)
+        between = affinity[truth[:, None] != truth[None, :]].sum()
+    return float(between / total) if total > 0 else 1.0
 
 
 def _norm(X: Array, axis: tuple[int, ...] | None = None) -> Array:
-    """The Frobenius norm of what is known."""
-    return np.sqrt(np.nansum(X**2, axis=axis))
+    """Frobenius norm of the entries that are not NaN."""
+    norm: Array = np.sqrt(np.nansum(X**2, axis=axis))
+    return norm
 
 
-def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, float]:
-    """All metrics that the truth of the scene and the parts of the reconstruction allow.
-
-    With known cameras nothing is aligned. With estimated ones, structure is known up to one orthogonal matrix:
-    the e_3d family is aligned by Procrustes, e_3d_dai by the polar rule of its released code.
-
-    Parameters
-    ----------
-    scene : Scene
-        With truth, or without: then its metrics are left out.
-    found : Reconstruction
-    known_cameras : bool
-
-    Returns
-    -------
-    dict of str to float
-        Names as above, ``e_3d_body_k`` for each body, ``e_3d_visible`` and ``e_3d_hidden`` (where tracks have gaps:
-        e_3d over the points that were observed, and over those that were not), ``e_ms`` (a share), ``n_wrong`` (a
-        count), ``reprojection`` (relative, from the visible tracks alone), finite values only.
-    """
-    values: dict[str, float] = {}
-    if found.structure is not None:
-        values |= _structure_metrics(scene, found, known_cameras)
-        cameras = found.cameras
-        if cameras is not None:
-            W = centre(scene.tracks)
-            values["reprojection"] = float(_norm(centre(W - cameras @ found.structure)) / _norm(W))
-            if scene.cameras is not None and not known_cameras:
-                values["e_r"] = e_r(cameras, scene.cameras)
-    if scene.labels is not None:
-        if found.labels is not None:
-            wrong = n_wrong(found.labels, scene.labels)
-            values["n_wrong"] = float(wrong)
-            values["e_ms"] = wrong / len(scene.labels)
-        if found.affinity is not None:
-            values["affinity_between"] = affinity_between(found.affinity, scene.labels)
-    return {name: value for name, value in values.items() if np.isfinite(value)}
+def _part(estimate: Estimate, visible: bool) -> float:
+    """e_3d over the points that were observed, or over those that were not."""
+    part = estimate.visible if visible else ~estimate.visible
+    truth, aligned = estimate.truth, estimate.aligned
+    if not (part & observed(truth)).any():
+        raise Absent
+    return e_3d(aligned, np.where(part[:, None], truth, np.nan))
 
 
-def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
-    """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed."""
-    if found.structure is None or found.cameras is None:
-        return float("nan")
-    off = centre(centre(scene.tracks) - found.cameras @ found.structure)
-    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+def _in_camera_frame(estimate: Estimate) -> float:
+    mine, true = axes(estimate.cameras) @ estimate.structure, axes(estimate.true_cameras) @ estimate.truth
+    return e_3d_dai(estimate.align_polar(mine, true), true)
 
 
-def by_frame(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> dict[str, Array]:
-    """``frame_e_3d`` (F,), whose mean is e_3d, and ``alignment`` (3, 3), the matrix that it is taken after.
-
-    Empty where there is no truth or no structure; with known cameras nothing is aligned.
-    """
-    if scene.structure is None or found.structure is None:
-        return {}
-    truth = centre(scene.structure)
-    S = centre(np.where(np.isnan(truth), np.nan, found.structure))
-    alignment = np.eye(3) if known_cameras else procrustes(S, truth)
-    return {"frame_e_3d": frame_errors(alignment @ S, truth), "alignment": alignment}
+def _centred(estimate: Estimate) -> float:
+    labels, truth = estimate.true_labels, estimate.truth
+    centred = estimate.align(centre_bodies(estimate.structure, labels), centre_bodies(truth, labels))
+    return e_3d_centred(centred, truth, labels)
 
 
-def count(scene: Scene, found: Reconstruction) -> dict[str, float]:
-    """How many bodies a method found that was not told their number.
-
-    Returns
-    -------
-    dict of str to float
-        ``n_bodies_found``; ``eigengap``, that of the affinity behind so many clusters; ``miscounted``, 1 where the
-        number is not the scene's and 0 where it is. Nothing where there are no labels.
-    """
-    if found.labels is None:
-        return {}
-    n = len(np.unique(found.labels))
-    values = {"n_bodies_found": float(n)}
-    if found.affinity is not None and n <= MOST:
-        values["eigengap"] = float(eigengaps(found.affinity)[n - 1])
-    if scene.n_bodies is not None:
-        values["miscounted"] = float(n != scene.n_bodies)
-    return values
+def _by_body(estimate: Estimate) -> dict[int, float]:
+    errors = {}
+    for k in np.unique(estimate.true_labels).tolist():
+        body = estimate.true_labels == k
+        S, truth = (centre(X[:, :, body]) for X in (estimate.structure, estimate.truth))
+        errors[k] = e_3d(estimate.align(S, truth), truth)
+    return errors
 
 
-def _structure_metrics(scene: Scene, found: Reconstruction, known: bool) -> dict[str, float]:
-    if scene.structure is None or found.structure is None:
-        return {}
-    truth = centre(scene.structure)
-    S = centre(np.where(np.isnan(truth), np.nan, found.structure))
-    keep: Callable[[Array, Array], Array] = lambda estimate, _: estimate  # noqa: E731
-    align, polar = (keep, keep) if known else (align_procrustes, align_polar)
-    aligned = align(S, truth)
-    values = {
-        "e_3d": e_3d(aligned, truth),
-        "e_3d_total": e_3d_total(aligned, truth),
-        "e_3d_procrustes": e_3d_procrustes(S, truth),
-        "e_3d_dai": e_3d_dai(polar(S, truth), truth),
-    }
-    if scene.visible is not None:
-        for name, part in (("visible", scene.visible), ("hidden", ~scene.visible)):
-            if (part & observed(truth)).any():
-                values[f"e_3d_{name}"] = e_3d(aligned, np.where(part[:, None], truth, np.nan))
-    if found.cameras is not None and scene.cameras is not None:
-        mine, true = axes(found.cameras) @ S, axes(scene.cameras) @ truth
-        values["e_3d_dai_cam"] = e_3d_dai(polar(mine, true), true)
-    if scene.labels is not None:
-        centred = align(centre_bodies(S, scene.labels), centre_bodies(truth, scene.labels))
-        values["e_3d_centred"] = e_3d_centred(centred, truth, scene.labels)
-        for k in np.unique(scene.labels):
-            body, own = S[:, :, scene.labels == k], truth[:, :, scene.labels == k]
-            body, own = centre(body), centre(own)
-            values[f"e_3d_body_{k}"] = e_3d(align(body, own), own)
-    return values
+def _reprojection(estimate: Estimate) -> float:
+    W, S = centre(estimate.scene.tracks), needed(estimate.found.structure)
+    return float(_norm(centre(W - estimate.cameras @ S)) / _norm(W))
+
+
+def _rotation(estimate: Estimate) -> float:
+    needed(estimate.found.structure)
+    if estimate.known_cameras:
+        raise Absent
+    return e_r(estimate.cameras, estimate.true_cameras)
+
+
+def _wrong(estimate: Estimate) -> int:
+    return n_wrong(estimate.labels, estimate.true_labels)
+
+
+def _between(estimate: Estimate) -> float:
+    return affinity_between(needed(estimate.found.affinity), estimate.true_labels)
+
+
+def _clusters(estimate: Estimate) -> int:
+    return len(np.unique(estimate.labels))
+
+
+def _eigengap(estimate: Estimate) -> float:
+    n, affinity = _clusters(estimate), needed(estimate.found.affinity)
+    if n > MOST:
+        raise Absent
+    return float(eigengaps(affinity)[n - 1])
+
+
+METRICS = (
+    Metric(
+        "e_3d",
+        lambda e: e_3d(e.aligned, e.truth),
+        "the paper's error, eq. (22): mean over frames of the error relative to the truth",
+        label="e_3D",
+        tex="$e_{3D}$",
+        brief="e_3d {:.4f}",
+        summary="{e_3d:.4f} (in the older literature's units {e_3d_dai:.4f}){aligned}",
+    ),
+    Metric(
+        "e_3d_total",
+        lambda e: e_3d_total(e.aligned, e.truth),
+        "the ratio of `e_3d` over the whole sequence, not frame by frame",
+    ),
+    Metric(
+        "e_3d_procrustes",
+        lambda e: e_3d_procrustes(e.structure, e.truth),
+        "`e_3d` after the best orthogonal matrix of each frame",
+    ),
+    Metric(
+        "e_3d_dai",
+        lambda e: e_3d_dai(e.align_polar(e.structure, e.truth), e.truth),
+        "the older literature's error: mean distance over the mean standard deviation of the truth's rows",
+        label="e_3D",
+        tex="$e_{3D}$",
+        beside="e_3d",
+        remark="e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers "
+        "follow; e_3d, the error of the paper's printed equation, stands next to it.",
+        brief="e_3d_dai {:.4f}",
+    ),
+    Metric(
+        "e_3d_visible",
+        lambda e: _part(e, visible=True),
+        "`e_3d` over the points that were observed",
+        label="e_3D of visible points",
+        absent=f"{NO_STRUCTURE}, or nothing is hidden",
+    ),
+    Metric(
+        "e_3d_hidden",
+        lambda e: _part(e, visible=False),
+        "`e_3d` over the points that were not observed",
+        label="e_3D of hidden points",
+        tex="$e_{3D}$ of hidden points",
+        absent=f"{NO_STRUCTURE}, or nothing is hidden",
+    ),
+    Metric(
+        "e_3d_dai_cam",
+        _in_camera_frame,
+        "`e_3d_dai` in the camera's frame",
+        label="e_3D, camera frame",
+        tex="$e_{3D}$, camera frame",
+    ),
+    Metric(
+        "e_3d_centred",
+        _centred,
+        "`e_3d` after every body, by true labels, is centred in each frame: shape without placement",
+    ),
+    Metric("e_3d_body", _by_body, "`e_3d` of each body, centred and aligned by itself: `e_3d_body_0` and so on"),
+    Metric(
+        "reprojection",
+        _reprojection,
+        r"$\lVert W - \hat R \hat S \rVert / \lVert W \rVert$, of the visible tracks, centred",
+        absent="method gives no structure, or uses no cameras",
+        summary="{reprojection:.3g} of the tracks' size, {rms:.3g} in their units (rms)",
+    ),
+    Metric(
+        "e_r",
+        _rotation,
+        "of estimated cameras: mean over frames of the spectral norm of the difference, after one orthogonal matrix",
+        label="e_R",
+        tex="$e_R$",
+        unit="",
+        absent="method gives no structure, or no camera is known",
+        summary="{e_r:.4f}",
+    ),
+    Metric(
+        "n_wrong",
+        _wrong,
+        "wrongly labelled tracks under the best one-to-one matching of clusters to bodies",
+        label="wrong tracks",
+        unit="tracks",
+        absent=NO_LABELS,
+        brief="wrong {:.0f}/{}",
+    ),
+    Metric(
+        "e_ms",
+        lambda e: _wrong(e) / len(e.true_labels),
+        "the share of wrongly labelled tracks: `n_wrong` over all tracks",
+        label="e_MS",
+        tex="$e_{MS}$",
+        unit="share",
+        absent=NO_LABELS,
+        counts="n_wrong",
+        tolerance=1,
+        summary="{e_ms:.4f}, {n_wrong:.0f} of {n_points} tracks wrong",
+    ),
+    Metric(
+        "affinity_between",
+        _between,
+        "the share of the affinity that joins tracks of different bodies: 0 where it is block-diagonal",
+        unit="share",
+        absent="method gives no affinity",
+    ),
+    Metric(
+        "n_bodies_found",
+        _clusters,
+        "how many bodies the method found",
+        label="bodies found",
+        unit="bodies",
+        better="",
+        absent=NO_LABELS,
+        counted=True,
+    ),
+    Metric(
+        "eigengap",
+        _eigengap,
+        "the gap between the eigenvalues of the affinity's Laplacian behind so many clusters",
+        unit="",
+        better="",
+        absent=NO_LABELS,
+        counted=True,
+    ),
+    Metric(
+        "miscounted",
+        lambda e: float(_clusters(e) != needed(e.scene.n_bodies)),
+        "1 where the number of bodies found is not the scene's, 0 where it is",
+        label="wrong number",
+        unit="share",
+        absent=NO_LABELS,
+        counted=True,
+    ),
+)
+
+#: Logged name -> its entry.
+BY_NAME: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in METRICS})

@@ -1,43 +1,39 @@
-"""Tracks of one's own in Python: load them, solve them, look at what was found."""
+"""A solution: what a method found in tracks, its errors where the truth is known, and its files."""
 
 from __future__ import annotations
 
+import json
 import tempfile
-import time
 import webbrowser
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from threadpoolctl import threadpool_limits
 
-from nrsfm.datasets.real.tracks import load_tracks
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate import metrics
-from nrsfm.harness.evaluate.matching import called
-from nrsfm.harness.evaluate.reconstruct import reconstruct
-from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.trial import AUTO
-from nrsfm.methods.base import Array, Labels, Method, Progress, Reconstruction
-from nrsfm.methods.registry import build_method
+from nrsfm.harness.evaluate.matching import matched, readable
+from nrsfm.harness.evaluate.metrics import METRICS, by_frame, evaluate, reprojection_rms
+from nrsfm.harness.record.environment import environment
+from nrsfm.harness.record.folder import pack
+from nrsfm.harness.solving import export, folder
+from nrsfm.methods.base import Array, Labels, Reconstruction
+from nrsfm.reports.page.solution_page import Shown, view
 
-CAMERAS = (AUTO, "known", "estimated")
+NO_CAMERAS, FROM_FILE = "no cameras", "the file"
 
-
-#: What an iteration took, and what it minimises: no residual.
+#: Curves of a method's history that are no residuals: the objective, and the cost of each iteration.
 NO_RESIDUAL = frozenset({"seconds", "operations", "objective"})
 
-
-UNSURE = "counted by the method, which is seldom right: say the number where you know it"
+UNSURE = "counted by the method, which is often wrong: give the number if you know it"
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """How an iteration ended: after how many, its largest residual, and the tolerance, None for a method without."""
+    """How an iteration ended: the number of iterations, the largest residual, the tolerance (None: it has none)."""
 
     iterations: int
     residual: float
@@ -45,32 +41,33 @@ class Convergence:
 
     @property
     def met(self) -> bool:
+        """Whether the residual is below the tolerance."""
         return self.tolerance is not None and self.residual < self.tolerance
 
     def __str__(self) -> str:
-        words = f"{self.iterations} iterations, residual {self.residual:.2g}"
+        text = f"{self.iterations} iterations, residual {self.residual:.2g}"
         if self.tolerance is None:
-            return words
-        return f"{words}, {'below' if self.met else 'NOT below'} the tolerance {self.tolerance:.2g}"
+            return text
+        return f"{text}, {'below' if self.met else 'NOT below'} the tolerance {self.tolerance:.2g}"
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What a method found in somebody's tracks. ``print`` says it in words.
+    """What a method found in a scene's tracks. ``print`` shows its :meth:`facts`.
 
     Parameters
     ----------
     scene : Scene
-        What it was found in.
+        The tracks, with the truth where it is known.
     found : Reconstruction
-        As the method gave it.
+        As the method returned it.
     method : str
     parameters : mapping
-        The method's settings.
+        The method's hyper-parameters.
     cameras_from : str
         ``the file``, ``the tracks, K = 11``, or ``no cameras``.
     counted : bool
-        Whether the number of bodies was left to the method.
+        Whether the method had to estimate the number of bodies.
     seconds : float
         Wall time.
     """
@@ -102,17 +99,16 @@ class Solution:
     def labels(self) -> Labels | None:
         """(P,) body of each track, an index into :attr:`bodies`; None if the method gives none.
 
-        With true labels the bodies are theirs, as they match best; otherwise they are numbered as tracks come.
+        Where true labels are known, each cluster takes the number of the body that it matches best; otherwise clusters
+        are numbered in the order of the tracks.
         """
-        found = self.found.labels
-        if found is None:
+        labels = self.found.labels
+        if labels is None:
             return None
         if self.scene.labels is not None:
-            from nrsfm.harness.evaluate.matching import matched
-
-            return np.asarray(matched(found, self.scene.labels), dtype=np.int64)
-        _, first, place = np.unique(found, return_index=True, return_inverse=True)
-        return np.argsort(np.argsort(first))[place.reshape(-1)]
+            return matched(labels, self.scene.labels)
+        _, first, place = np.unique(labels, return_index=True, return_inverse=True)
+        return np.asarray(np.argsort(np.argsort(first))[place.reshape(-1)], dtype=np.int64)
 
     @cached_property
     def bodies(self) -> tuple[str, ...]:
@@ -123,17 +119,17 @@ class Solution:
 
     @property
     def known_cameras(self) -> bool:
-        return self.cameras_from == "the file"
+        """Whether the cameras are those of the file."""
+        return self.cameras_from == FROM_FILE
 
     @cached_property
     def metrics(self) -> dict[str, float]:
         """Errors against the truth, as far as it is known: see :func:`nrsfm.harness.evaluate.metrics.evaluate`."""
-        found = metrics.evaluate(self.scene, self.found, known_cameras=self.known_cameras)
-        return found | (metrics.count(self.scene, self.found) if self.counted else {})
+        return evaluate(self.scene, self.found, known_cameras=self.known_cameras, counted=self.counted)
 
     @property
     def convergence(self) -> Convergence | None:
-        """How the method's iteration ended, None where it tells nothing."""
+        """How the method's iteration ended; None where it records no residuals."""
         last = {name: values[-1] for name, values in self.found.history.items() if name not in NO_RESIDUAL}
         if not last:
             return None
@@ -143,185 +139,164 @@ class Solution:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """What the file calls its tracks; their places where it does not."""
+        """Names of the tracks; their places where the file names none."""
         return self.scene.track_ids or tuple(map(str, range(self.scene.n_points)))
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """What the file calls its frames; their places where it does not."""
+        """Names of the frames; their places where the file names none."""
         return self.scene.frame_ids or tuple(map(str, range(self.scene.n_frames)))
 
     def facts(self) -> list[tuple[str, str]]:
-        """What a person wants to know, name and words."""
-        scene, m = self.scene, self.metrics
+        """Name and text of each line of the summary: sizes, method, bodies, errors, convergence, time."""
+        scene = self.scene
         gaps = 0.0 if scene.visible is None else 1 - float(scene.visible.mean())
-        facts = [
+        return [
             ("frames", str(scene.n_frames)),
-            ("tracks", f"{scene.n_points}, {'none of' if not gaps else f'{gaps:.1%} of'} the observations missing"),
+            ("tracks", f"{scene.n_points}, {f'{gaps:.1%}' if gaps else 'none'} of the observations missing"),
             *(("note", note) for note in scene.notes),
             ("method", self.method),
-            ("cameras", f"from {self.cameras_from}" if self.cameras_from != "no cameras" else "not used"),
+            ("cameras", f"from {self.cameras_from}" if self.cameras_from != NO_CAMERAS else "not used"),
+            *self._body_facts(),
+            *self._metric_facts(),
+            ("convergence", str(self.convergence or "the method records no iterations")),
+            ("time", f"{self.seconds:.1f} s"),
         ]
-        if self.labels is not None:
-            sizes = ", ".join(
-                f"{called(name)}: {n} tracks"
-                for name, n in zip(self.bodies, np.bincount(self.labels).tolist(), strict=True)
-                if n
-            )
-            facts.append(
-                ("bodies", f"{len(np.unique(self.labels))} ({sizes})" + (f"; {UNSURE}" if self.counted else ""))
-            )
-        if "reprojection" in m:
-            rms = metrics.reprojection_rms(scene, self.found)
-            facts.append(
-                ("reprojection", f"{m['reprojection']:.3g} of the tracks' size, {rms:.3g} in their units (rms)")
-            )
-        facts.append(("convergence", str(self.convergence or "the method tells nothing of iterations")))
-        facts.append(("time", f"{self.seconds:.1f} s"))
-        if "e_3d" in m:
-            aligned = "" if self.known_cameras else ", after one rotation for all frames"
-            facts.append(("e_3D", f"{m['e_3d']:.4f} (in the older literature's units {m['e_3d_dai']:.4f}){aligned}"))
-        if "e_ms" in m:
-            facts.append(("e_MS", f"{m['e_ms']:.4f}, {m['n_wrong']:.0f} of {scene.n_points} tracks wrong"))
-        if "e_r" in m:
-            facts.append(("e_R", f"{m['e_r']:.4f}"))
-        return facts
+
+    def _body_facts(self) -> list[tuple[str, str]]:
+        if self.labels is None:
+            return []
+        counts = zip(self.bodies, np.bincount(self.labels).tolist(), strict=True)
+        sizes = ", ".join(f"{readable(name)}: {n} tracks" for name, n in counts if n)
+        unsure = f"; {UNSURE}" if self.counted else ""
+        return [("bodies", f"{len(np.unique(self.labels))} ({sizes}){unsure}")]
+
+    def _metric_facts(self) -> list[tuple[str, str]]:
+        values = {
+            **self.metrics,
+            "n_points": self.scene.n_points,
+            "rms": reprojection_rms(self.scene, self.found),
+            "aligned": "" if self.known_cameras else ", after one rotation for all frames",
+        }
+        metrics = [metric for metric in METRICS if metric.summary and metric.name in values]
+        return [(metric.label or metric.name, metric.summary.format(**values)) for metric in metrics]
 
     def __str__(self) -> str:
-        return "\n".join(f"{name:<13} {said}" for name, said in [("tracks of", self.scene.name), *self.facts()])
+        return "\n".join(f"{name:<13} {text}" for name, text in [("tracks of", self.scene.name), *self.facts()])
 
-    def save(self, folder: str | Path) -> Path:
-        """Write everything into a folder: see :func:`nrsfm.harness.solving.export.save`."""
-        from nrsfm.harness.solving.export import save
+    def save(self, path: str | Path) -> Path:
+        """Write everything into a folder; an earlier solution there is replaced once all of it is written.
 
-        return save(self, Path(folder))
+        ``reconstruction.npz`` (``structure`` (F, 3, P), ``labels`` (P,), ``cameras`` (F, 2, 3), ``affinity`` (P, P) or,
+        where it is sparse, the rows, columns and values of its upper triangle; ``frame_ids``, ``track_ids``,
+        ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
+        on, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left out.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        UsageError
+            If the folder holds anything else than a solution.
+        OSError
+            If it cannot be written.
+        """
+        path = Path(path).expanduser().resolve()
+        folder.check_folder(path)
+        with folder.replaced(path) as new:
+            self._write_arrays(new / folder.ARRAYS)
+            self._write_tables(new)
+            if self.structure is not None:
+                export.write_clouds(new / folder.CLOUDS, self.structure, self.labels)
+            (new / folder.VIEW).write_text(self.page(), encoding="utf-8")
+            (new / folder.SUMMARY).write_text(f"{self}\n", encoding="utf-8")
+            (new / folder.RESULT).write_text(self._record(), encoding="utf-8")
+        return path
 
     def show(self) -> Path:
-        """Open the 3D view in a browser; the page stands in a temporary folder, and its path is given back."""
-        from nrsfm.harness.solving.export import page
-
-        path = Path(tempfile.mkdtemp(prefix="nrsfm-")) / "view.html"
-        path.write_text(page(self), encoding="utf-8")
+        """Open the 3D view in a browser; returns the path of the page, which is in a temporary folder."""
+        path = Path(tempfile.mkdtemp(prefix="nrsfm-")) / folder.VIEW
+        path.write_text(self.page(), encoding="utf-8")
         webbrowser.open(path.as_uri())
         return path
 
-
-def load(path: str | Path) -> Scene:
-    """Read tracks from .npz, .mat, .csv or .c3d: see :func:`nrsfm.datasets.real.tracks.load_tracks`."""
-    return load_tracks(Path(path).expanduser())
-
-
-def solve(
-    scene: Scene | str | Path,
-    n_bodies: int | str | None = None,
-    *,
-    method: str | Method = "ours",
-    cameras: str = AUTO,
-    rank: int | None = None,
-    overrides: Sequence[str] = (),
-    progress: Progress | None = None,
-    **settings: Any,
-) -> Solution:
-    """Reconstruct tracks and tell the bodies apart.
-
-    Parameters
-    ----------
-    scene : Scene or path
-        What :func:`load` gave, any other scene, or a file.
-    n_bodies : int, "auto" or None
-        How many bodies there are; ``auto`` leaves that to the method, which is seldom right. None takes the number of
-        the scene's labels.
-    method : str or Method
-        Any of ``nrsfm list methods``, or a method of one's own.
-    cameras : {"auto", "known", "estimated"}
-        ``auto`` takes those of the scene where it has some, and else estimates them from the tracks.
-    rank : int, optional
-        K, the number of shapes that estimation allows; see ``conf/cameras/estimated.yaml``.
-    overrides : sequence of str
-        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``.
-    progress : callable, optional
-        Told of every iteration, see :data:`nrsfm.methods.base.Progress`; of the stages, too, if it has a method ``stage``.
-    **settings
-        The method's hyper-parameters.
-
-    Raises
-    ------
-    DatasetError
-        If a file cannot be used.
-    MethodError
-        If the method cannot do what is asked, or fails.
-    UsageError
-        If an argument cannot be used.
-    """
-    scene = scene if isinstance(scene, Scene) else load(scene)
-    n_bodies = _n_bodies(n_bodies, scene)
-    if cameras not in CAMERAS:
-        raise UsageError(f"cameras is {cameras!r}, wanted one of {', '.join(CAMERAS)}")
-    known = cameras == "known" or (cameras == AUTO and scene.cameras is not None)
-    if known and scene.cameras is None:
-        raise UsageError("there are no cameras in the file; leave 'known' out to have them estimated")
-    words = [f"cameras={'known' if known else 'estimated'}", *overrides]
-    if rank is not None and not known:
-        words.append(f"cameras.rank={rank}")
-    if isinstance(method, str):
-        words.insert(0, f"method={method}")
-    asked = _configured(words)
-    if isinstance(method, str):
-        parameters = _merged({k: v for k, v in asked["method"].items() if k != "name"}, settings)
-        made, name = build_method(parameters), str(asked["method"]["name"])
-    else:
-        made, name = method.set_params(**settings) if settings else method, type(method).__name__
-        parameters = method.get_params()
-    start = time.perf_counter()
-    with threadpool_limits(int(asked["threads"])):  # more are slower on small arrays, and many times beside other work
-        found = reconstruct(
-            scene,
-            made,
-            n_bodies,
-            asked["cameras"],
-            memory_gb=float(asked["limits"]["memory_gb"]),
-            progress=progress,
+    def page(self) -> str:
+        """The 3D view as HTML, in the axes of the truth where that is known."""
+        scene, S, truth, wrong = self.scene, self.structure, None, None
+        frames = by_frame(scene, self.found, known_cameras=self.known_cameras)
+        if S is not None and scene.structure is not None:
+            S, truth = frames["alignment"] @ S, scene.structure
+        if self.labels is not None and scene.labels is not None:
+            wrong = np.asarray(self.labels != scene.labels)
+        return view(
+            Shown(
+                title=scene.name,
+                facts=self.facts(),
+                ids=self.ids,
+                frames=self.frames,
+                structure=S,
+                truth=truth,
+                cameras=scene.cameras if truth is not None else self.cameras,
+                labels=self.labels,
+                bodies=[readable(body) for body in self.bodies],
+                wrong=wrong,
+                edges=scene.edges,
+                affinity=self.affinity,
+                history=self.found.history,
+                errors=frames.get("frame_e_3d"),
+            )
         )
-    source = "the file" if known else f"the tracks, K = {asked['cameras'].get('rank')}"
-    return Solution(
-        scene=scene,
-        found=found if made.uses_cameras else replace(found, cameras=None),
-        method=name,
-        parameters=parameters,
-        cameras_from=source if made.uses_cameras else "no cameras",
-        counted=n_bodies is None,
-        seconds=time.perf_counter() - start,
-    )
 
+    def _write_arrays(self, path: Path) -> None:
+        parts = {
+            "structure": self.structure,
+            "labels": self.labels,
+            "cameras": self.cameras,
+            "affinity": self.affinity,
+            "visible": self.scene.visible,
+            "edges": self.scene.edges,
+            "frame_ids": np.array(self.frames),
+            "track_ids": np.array(self.ids),
+            "bodies": np.array(self.bodies, dtype=str),
+        }
+        arrays: dict[str, Any] = pack({name: value for name, value in parts.items() if value is not None})
+        np.savez_compressed(path, **arrays)
 
-def _n_bodies(asked: object, scene: Scene) -> int | None:
-    if asked is None:
-        if scene.n_bodies is None:
-            raise UsageError("how many bodies are there? Say n_bodies (--bodies 2), or auto to have them counted")
-        return scene.n_bodies
-    if asked == AUTO:
-        return None
-    if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= scene.n_points:
-        raise UsageError(f"n_bodies is {asked!r}, wanted auto or a whole number from 1 to the {scene.n_points} tracks")
-    return asked
+    def _write_tables(self, new: Path) -> None:
+        bodies = None if self.labels is None else [self.bodies[k] for k in self.labels.tolist()]
+        if self.structure is not None:
+            export.write_structure(new / folder.STRUCTURE, self.structure, self.frames, self.ids, bodies)
+        if bodies is not None:
+            columns: dict[str, Any] = {"track": self.ids, "label": bodies}
+            if (truth := self.scene.labels) is not None:
+                names = self.scene.bodies
+                columns["true_label"] = [names[k] if names else str(k) for k in truth.tolist()]
+            export.write_csv(new / folder.LABELS, columns)
+        if self.cameras is not None:
+            entries = zip(("xx", "xy", "xz", "yx", "yy", "yz"), self.cameras.reshape(-1, 6).T, strict=True)
+            export.write_csv(new / folder.CAMERAS, {"frame": self.frames, **dict(entries)})
+        if self.affinity is not None:
+            export.write_affinity(new / folder.AFFINITY, self.affinity, self.ids)
 
-
-def _configured(overrides: Sequence[str]) -> dict[str, Any]:
-    """The configuration as plain data."""
-    from nrsfm.harness.config.compose import compose_config
-    from nrsfm.harness.config.jobs import resolved
-    from nrsfm.harness.config.settings import read_plain
-
-    plain = resolved(compose_config(overrides))
-    read_plain(plain)
-    return plain
-
-
-def _merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings with others in their places, parts of a pipeline within theirs."""
-    return dict(settings) | {
-        name: _merged(settings[name], value)
-        if isinstance(value, Mapping) and isinstance(settings.get(name), Mapping)
-        else value
-        for name, value in more.items()
-    }
+    def _record(self) -> str:
+        convergence = self.convergence
+        record = {
+            "made_by": folder.MADE_BY,
+            "name": self.scene.name,
+            "data": self.scene.digest,
+            "method": self.method,
+            "parameters": self.parameters,
+            "cameras": self.cameras_from,
+            "facts": [list(fact) for fact in self.facts()],
+            "metrics": self.metrics,
+            "seconds": self.seconds,
+            "iterations": convergence and convergence.iterations,
+            "residual": convergence and convergence.residual,
+            "tolerance_met": convergence and convergence.met,
+            "environment": environment(),
+        }
+        plain = {name: value for name, value in record.items() if value is not None}
+        return json.dumps(plain, indent=1, default=str) + "\n"

@@ -14,6 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import printable
 from nrsfm.harness.record.trial import Trial
@@ -144,10 +145,7 @@ def _clock(seconds: float) -> str:
 
 def _words(title: str, outcome: Outcome) -> str:
     """``dance_yoga ours: e_3d 0.0318  wrong 0/116 (4.2 s)``; a failure begins with its status."""
-    shown = {name: outcome.metrics[name] for name in ("e_3d", "e_3d_dai") if name in outcome.metrics}
-    words = [f"{name} {value:.4f}" for name, value in shown.items()]
-    if "n_wrong" in outcome.metrics:
-        words.append(f"wrong {outcome.metrics['n_wrong']:.0f}/{outcome.n_points}")
+    words = brief(outcome.metrics, outcome.n_points)
     words.append(outcome.error)
     mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
     took = "" if outcome.seconds is None else f" ({outcome.seconds:.1f} s)"

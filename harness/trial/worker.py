@@ -97,7 +97,7 @@ def compute(
     outcome = replace(
         blank,
         status=OK,
-        metrics=metrics.evaluate(noisy, found, known_cameras=known) | (metrics.count(noisy, found) if auto else {}),
+        metrics=metrics.evaluate(noisy, found, known_cameras=known, counted=auto),
         stand_in=scene.stand_in,
         n_bodies=n_bodies,
         n_points=scene.n_points,

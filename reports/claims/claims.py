@@ -15,7 +15,7 @@ from scipy.stats import spearmanr
 from nrsfm.harness.record.text import number
 from nrsfm.reports.claims.findings import UMPM, Case, Evidence, Finding, Judged, word
 from nrsfm.reports.layouts import published
-from nrsfm.reports.layouts.paper import LABELS
+from nrsfm.reports.layouts.labels import LABELS
 
 OURS = ("ours", "ours_printed")
 """What is judged: the default, and the formulation as the paper prints it."""

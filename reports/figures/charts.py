@@ -1,69 +1,255 @@
-"""A chart as data: panels of lines or of a matrix. Files and the page are drawn from it and nothing else."""
+"""Which figures the report draws, as data: a new figure is a new entry of :data:`FIGURES`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from nrsfm.harness.record.curves import thinned
+from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.harness.record.text import one_line
+from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
+from nrsfm.reports.figures.affinity import picture
+from nrsfm.reports.figures.chart import Chart, Panel, Series
+from nrsfm.reports.figures.scaling_chart import measured, scaling
+from nrsfm.reports.layouts.index import layout
+from nrsfm.reports.layouts.labels import method_label
 
-from nrsfm.reports.figures.blobs import Blobs
-from nrsfm.reports.figures.style import look
-
-
-@dataclass(frozen=True)
-class Series:
-    """One line: points, and the half height of the band around them (empty for none)."""
-
-    label: str
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    spread: tuple[float, ...] = ()
-    place: int = 0
-    scatter: bool = False
+T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Panel:
-    """A pair of axes: lines, or a matrix (rows, columns) with ``edges`` where its blocks begin."""
+K = TypeVar("K")
 
-    title: str
-    x: str
-    y: str
-    series: tuple[Series, ...] = ()
-    matrix: NDArray[np.float64] | None = field(default=None, compare=False)
-    edges: tuple[int, ...] = ()
-    log_x: bool = False
-    log_y: bool = False
+
+Runs = Sequence[Tracked]
+
+
+Build = Callable[[Runs, Fetch], Iterable[Panel]]
 
 
 @dataclass(frozen=True)
-class Chart:
-    """A figure: ``name`` is the stem of its files."""
+class Figure:
+    """A figure and the experiments that fill it.
+
+    Parameters
+    ----------
+    name : str
+        Stem of its files, behind the experiment's name.
+    title, caption : str
+    experiments : tuple of str
+        Names or patterns, such as ``noise*``.
+    build : callable
+        Finished runs and their arrays -> panels; none where the runs say nothing of it.
+    """
 
     name: str
     title: str
     caption: str
-    panels: tuple[Panel, ...]
-
-    def data(self, blobs: Blobs) -> dict[str, Any]:
-        """As plain data; matrices go to ``blobs``."""
-        return {"title": self.title, "panels": [_panel(panel, blobs) for panel in self.panels]}
+    experiments: tuple[str, ...]
+    build: Build
 
 
-def _panel(panel: Panel, blobs: Blobs) -> dict[str, Any]:
-    told: dict[str, Any] = {name: getattr(panel, name) for name in ("title", "x", "y", "edges", "log_x", "log_y")}
-    told["matrix"] = None if panel.matrix is None else blobs.add(panel.matrix, "uint8")
-    told["series"] = [
-        {
-            "label": series.label,
-            "x": [float(f"{v:.6g}") for v in series.x],
-            "y": [float(f"{v:.6g}") for v in series.y],
-            "spread": [float(f"{v:.6g}") for v in series.spread],
-            "scatter": series.scatter,
-            "look": {name: getattr(look(series.place), name) for name in ("colour", "symbol", "dash")},
-        }
-        for series in panel.series
-    ]
-    return told
+def charts(answers_by_table: Mapping[str, Sequence[Answer]], fetch: Fetch) -> list[Chart]:
+    """Every figure that the answers fill, in the catalogue's order."""
+    made = []
+    for figure in FIGURES:
+        for name, answers in answers_by_table.items():
+            if not any(fnmatchcase(name, pattern) for pattern in figure.experiments):
+                continue
+            runs = list({run.outcome.key: run for _, run in answers if run and run.outcome.status == OK}.values())
+            panels = tuple(figure.build(runs, fetch))
+            if panels:
+                title = f"{figure.title}, {layout(name).title}" if len(figure.experiments) > 1 else figure.title
+                made.append(Chart(f"{name}_{figure.name}", title, figure.caption, panels))
+    return made
+
+
+def against_noise(metric: str, label: str) -> Build:
+    """A metric against the noise level: all datasets together, then each; mean and spread over the draws."""
+
+    def build(runs: Runs, _: Fetch) -> Iterator[Panel]:
+        outcomes = [run.outcome for run in runs if metric in run.outcome.metrics]
+        if len({o.level for o in outcomes}) < 2:
+            return
+        methods = _methods(runs)
+        several = len({o.cameras for o in outcomes}) > 1
+        words = {o.cameras: f", cameras {o.cameras}" if several else "" for o in outcomes}
+        groups = _by(outcomes, lambda o: "all scenes" + words[o.cameras])
+        groups |= _by(outcomes, lambda o: _name_of(o.dataset) + words[o.cameras])
+        for title, members in groups.items():
+            series = [_over_levels(method, methods.index(method), own, metric) for method, own in _by_method(members)]
+            yield Panel(title, "noise, share of max |W|", label, tuple(series))
+
+    return build
+
+
+def _over_levels(method: str, place: int, outcomes: Sequence[Outcome], metric: str) -> Series:
+    """Mean over scenes within a draw, then mean and sample standard deviation over draws."""
+    x, y, spread = [], [], []
+    for level, members in sorted(_by(outcomes, lambda o: o.level).items()):
+        draws = [
+            statistics.fmean(o.metrics[metric] for o in draw) for draw in _by(members, lambda o: o.repeat).values()
+        ]
+        x.append(level)
+        y.append(statistics.fmean(draws))
+        spread.append(statistics.stdev(draws) if len(draws) > 1 else 0.0)
+    return Series(method_label(method), tuple(x), tuple(y), tuple(spread), place)
+
+
+def convergence(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
+    """Objective and residuals by iteration; a panel for each method and curve, a line for each scene."""
+    scenes = list(dict.fromkeys(run.outcome.dataset for run in runs))
+    for method, members in _by(runs, lambda run: run.outcome.method).items():
+        curves = {run.outcome.dataset: thinned(fetch(run)) for run in members}
+        names = {name for curve in curves.values() for name in curve}
+        for name in sorted(names, key=lambda name: (name != "objective", name)):
+            series = [
+                Series(_name_of(scene), tuple(map(float, x)), tuple(map(float, y)), (), scenes.index(scene))
+                for scene, curve in curves.items()
+                if name in curve
+                for x, y in [curve[name]]
+            ]
+            said = name.removeprefix("residual_") + " residual" * (name != "objective")
+            yield Panel(f"{method_label(method)}: {said}", "iteration", "", tuple(series), log_y=name != "objective")
+
+
+def affinities(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
+    """SSC's affinity beside ours, scene by scene."""
+    wanted = ("ssc2d", "ours")
+    for scene, members in _by(runs, lambda run: run.outcome.dataset).items():
+        pair = {run.outcome.method: run for run in members if run.outcome.method in wanted and not run.outcome.level}
+        if set(pair) != set(wanted):
+            continue
+        for method in wanted:
+            arrays, outcome = fetch(pair[method]), pair[method].outcome
+            if "affinity" not in arrays:
+                continue
+            A, edges = picture(arrays["affinity"], arrays.get("true_labels"))
+            between = outcome.metrics.get("affinity_between")
+            said = f", {100 * between:.0f} % between" if between is not None else ""
+            yield Panel(
+                f"{_name_of(scene)}: {method_label(method)}{said}", "track", "track", (), A, tuple(map(int, edges))
+            )
+
+
+def by_frame(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
+    """e_3D of each frame, a panel for each scene and a line for each method."""
+    methods = _methods(runs)
+    for scene, members in _by([r for r in runs if not r.outcome.level], lambda run: run.outcome.dataset).items():
+        series = []
+        for run in members:
+            errors = fetch(run).get("frame_e_3d")
+            if errors is not None:
+                x = tuple(float(i + 1) for i in range(len(errors)))
+                place = methods.index(run.outcome.method)
+                series.append(Series(method_label(run.outcome.method), x, tuple(map(float, errors)), (), place))
+        if series:
+            yield Panel(_name_of(scene), "frame", "e_3D", tuple(series))
+
+
+def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
+    """Seconds and memory of each run against the size of its scene."""
+    methods = _methods(runs)
+    for title, unit, of in (("time", "s", "seconds"), ("memory", "MB", "peak_mb")):
+        series = []
+        for method, members in _by_method([run.outcome for run in runs]):
+            points = sorted(
+                ((o.n_points or 0) * (o.n_frames or 0), value)
+                for o in members
+                if (value := getattr(o, of)) and o.n_points and o.n_frames
+            )
+            if points:
+                x, y = zip(*points, strict=True)
+                series.append(Series(method_label(method), x, y, (), methods.index(method), scatter=True))
+        if series:
+            wide_x, wide_y = (_wide([v for s in series for v in getattr(s, axis)]) for axis in "xy")
+            yield Panel(title, "tracks × frames", unit, tuple(series), log_x=wide_x, log_y=wide_y)
+
+
+def scales(runs: Runs, fetch: Fetch) -> Iterable[Panel]:
+    """Time, operations and memory of an iteration against the size of the scene."""
+    found = []
+    for run in runs:
+        arrays, o = fetch(run), run.outcome
+        if {"history_seconds", "history_operations"} <= arrays.keys():
+            seconds, operations = (arrays[f"history_{name}"].tolist() for name in ("seconds", "operations"))
+            found.append(measured(o.n_points or 0, o.n_frames or 0, seconds, operations, o.peak_mb or 0.0))
+    return scaling(found)
+
+
+def _wide(values: Sequence[float]) -> bool:
+    """Whether values ask for a logarithmic axis."""
+    return max(values) > 10 * min(values) > 0
+
+
+def _by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    groups: dict[K, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+def _by_method(outcomes: Iterable[Outcome]) -> Iterable[tuple[str, list[Outcome]]]:
+    return _by(outcomes, lambda o: o.method).items()
+
+
+def _methods(runs: Runs) -> list[str]:
+    return list(dict.fromkeys(run.outcome.method for run in runs))
+
+
+def _name_of(dataset: str) -> str:
+    return one_line(dataset.replace("_", " + "), 40)
+
+
+FIGURES: tuple[Figure, ...] = (
+    Figure(
+        "e_3d",
+        "3D error against noise",
+        "e_3D against the noise's standard deviation; lines are means, bands the sample standard deviation over the "
+        "draws. The paper prints no standard deviation: the scale of the noise is ours.",
+        ("noise*",),
+        against_noise("e_3d", "e_3D"),
+    ),
+    Figure(
+        "e_ms",
+        "Segmentation error against noise",
+        "Share of wrongly labelled tracks against the noise's standard deviation; lines are means, bands the sample "
+        "standard deviation over the draws.",
+        ("noise*",),
+        against_noise("e_ms", "e_MS"),
+    ),
+    Figure(
+        "curves",
+        "Convergence",
+        "Objective and the infinity norms of the constraints' residuals by iteration.",
+        ("convergence*",),
+        convergence,
+    ),
+    Figure(
+        "affinity",
+        "Affinity of SSC beside ours",
+        "What is clustered, normalised as spectral clustering does; tracks sorted by body, darker is stronger, lines "
+        "part the bodies. In the titles, the share of the affinity between bodies.",
+        ("table1",),
+        affinities,
+    ),
+    Figure(
+        "cost",
+        "Time and memory of an iteration",
+        "Each point is a trial, double logarithmic; exponents are those of the larger half of the sizes. A dense "
+        "iteration's operations and a dense P x P array stand beside.",
+        ("scaling",),
+        scales,
+    ),
+    Figure("frames", "3D error by frame", "e_3D of each frame.", ("table2", "table3"), by_frame),
+    Figure(
+        "cost",
+        "Time and memory",
+        "Each point is a run: wall time and largest resident memory against the size of the scene.",
+        ("table2", "table3", "table4"),
+        cost,
+    ),
+)

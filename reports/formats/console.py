@@ -8,7 +8,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from nrsfm.harness.record.text import count, number
-from nrsfm.reports.layouts.layout import Metric
+from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.model import LEGEND, Cell, Table, Verdict
 
 WIDTH = 120
@@ -79,7 +79,7 @@ def _grid(table: Table) -> Grid:
     return grid
 
 
-def _texts(metric: Metric, cell: Cell | None, published: bool) -> list[Text]:
+def _texts(metric: TableMetric, cell: Cell | None, published: bool) -> list[Text]:
     """What stands under a metric's headings; nothing for a method that the table does not hold to it."""
     if cell is None:
         return [Text("")] * (1 + 2 * published + bool(metric.beside) + metric.counted)

@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 
 from nrsfm.harness.record import text
 from nrsfm.reports.formats.records import csv_text, json_text
-from nrsfm.reports.layouts.layout import Metric
+from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.model import LEGEND, Cell, Column, Row, Table, Verdict
 
 
@@ -65,7 +65,7 @@ def tex_audit(table: Table) -> str:
 
 def html(table: Table) -> str:
     """A page of its own, nothing loaded from elsewhere, light and dark."""
-    return _render(_HTML, "page.html.j2", table, page=False)
+    return _render(_HTML, "table_page.html.j2", table, page=False)
 
 
 def html_environment() -> Environment:
@@ -130,7 +130,7 @@ def source(cell: Cell) -> str:
     return "; ".join(f"run {run.run_id or '–'}, trial {run.trial_key}" for run in cell.runs)
 
 
-def _groups(table: Table, metric: Metric) -> list[tuple[Row, list[tuple[Column, Cell]]]]:
+def _groups(table: Table, metric: TableMetric) -> list[tuple[Row, list[tuple[Column, Cell]]]]:
     """The cells of one metric, row by row."""
     return [
         (row, [(c, cell) for c, cell in zip(table.columns, row.cells, strict=True) if c.metric == metric])
@@ -146,7 +146,7 @@ def _caption(table: Table) -> text.Safe:
     return text.Safe(caption)
 
 
-def _label(metric: Metric) -> Markup:
+def _label(metric: TableMetric) -> Markup:
     """``e_3D`` with its index set low."""
     head, mark, rest = metric.label.partition("_")
     index = re.match(r"\w*", rest).group() if mark else ""  # type: ignore[union-attr]

@@ -6,8 +6,8 @@ from typing import Any
 
 from nrsfm.harness.gate.baseline import Baseline, Blessed
 from nrsfm.harness.record.outcome import OK, Outcome
-from nrsfm.reports.layouts.layout import Metric
-from nrsfm.reports.layouts.paper import LAYOUTS
+from nrsfm.reports.layouts.index import LAYOUTS
+from nrsfm.reports.layouts.metrics import TableMetric
 
 
 def published(outcomes: Sequence[Outcome]) -> Baseline:
@@ -37,7 +37,7 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
     return Baseline("published numbers", "", tuple(rows.values()))
 
 
-def _published(metric: Metric, value: float, points: int) -> tuple[str, float]:
+def _published(metric: TableMetric, value: float, points: int) -> tuple[str, float]:
     return (metric.counts, float(wrong_tracks(value, points))) if metric.counts else (metric.logged, value)
 
 

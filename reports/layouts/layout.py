@@ -1,135 +1,20 @@
-"""The words in which a table is designed: its metrics, its methods, its rows."""
+"""The design of a table as data: its methods in columns, its rows, and where its published numbers are."""
 
 from __future__ import annotations
 
 import json
-import math
-import statistics
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from nrsfm.harness.record.text import DIGITS, one_line
+from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts import published
-
-Pairs = Sequence[tuple[float, float]]
-"""Measured and published numbers of the datasets of a pool."""
-
-
-MEANS: Mapping[str, Callable[[Sequence[float]], float]] = MappingProxyType(
-    {"mean": statistics.fmean, "median": statistics.median}
-)
-"""What a pool makes of measured numbers."""
-
-
-def _rms_log_ratio(pairs: Pairs) -> float:
-    return math.sqrt(statistics.fmean(math.log(max(m, 1e-300) / p) ** 2 for m, p in pairs))
-
-
-def _off(pairs: Pairs) -> float:
-    return float(sum(abs(m - p) > 0.1 * p + 1e-12 for m, p in pairs))
-
-
-def _tracks(pairs: Pairs) -> float:
-    return float(sum(abs(m - p) for m, p in pairs))
-
-
-@dataclass(frozen=True)
-class Distance:
-    """A function of the pairs, 0 at best, and the decimals that are printed."""
-
-    of: Callable[[Pairs], float]
-    digits: int
-
-
-DISTANCES: Mapping[str, Distance] = MappingProxyType(
-    {
-        "log ratio": Distance(_rms_log_ratio, 3),
-        "> 10 % off": Distance(_off, 0),
-        "tracks off": Distance(_tracks, 0),
-    }
-)
-"""What a pool makes of measured numbers and the published ones: how far it is from the paper."""
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One published error and the logged numbers that answer it. Lower is better.
-
-    Parameters
-    ----------
-    name : str
-        The published metric, as in ``reports/paper``.
-    label, tex : str
-        For readers, and as LaTeX.
-    logged : str
-        The logged metric that belongs beside the published number.
-    beside : str
-        A second logged metric that stands next to it, or "".
-    counts : str
-        The logged number of wrong tracks, for a share of tracks; the verdict is then taken in tracks.
-    tolerance : float
-        How far from the published number still counts as reproduced, in :attr:`unit`.
-    absent : str
-        Why a finished run may have no such number.
-    pool : str
-        What a row that pools datasets makes of their numbers: one of :data:`MEANS`, or of :data:`DISTANCES` from the
-        published ones.
-    percent : bool
-        Printed in per cent of the logged share.
-    """
-
-    name: str
-    label: str
-    tex: str
-    logged: str
-    beside: str = ""
-    counts: str = ""
-    tolerance: float = 0.1
-    absent: str = "not measured"
-    pool: str = ""
-    percent: bool = False
-
-    @property
-    def unit(self) -> str:
-        """The unit of differences."""
-        if self.percent:
-            return "percentage points"
-        return "tracks" if self.counts else "share of published"
-
-    @property
-    def counted(self) -> bool:
-        """Whether wrong tracks stand beside the number."""
-        return bool(self.counts) and not self.pool
-
-    @property
-    def digits(self) -> int:
-        """Decimals that are printed."""
-        if self.pool in DISTANCES:
-            return DISTANCES[self.pool].digits
-        return 2 if self.percent else DIGITS
-
-    @property
-    def shown(self) -> str:
-        """What stands in a column: ``e_3d_dai``, ``mean e_ms, %``."""
-        return f"{self.pool} {self.logged}".strip() + ", %" * self.percent
-
-    def distance(self, form: str, label: str) -> Metric:
-        """This metric pooled into one of :data:`DISTANCES`; nothing is published of that."""
-        return replace(self, label=label, tex=label, beside="", pool=form)
-
-
-E_3D = Metric("e_3d", "e_3D", "$e_{3D}$", logged="e_3d_dai", beside="e_3d", absent="method gives no structure")
-
-
-E_MS = Metric("e_ms", "e_MS", "$e_{MS}$", logged="e_ms", counts="n_wrong", tolerance=1, absent="method gives no labels")
-"""The paper's two errors, which a table has unless it says otherwise."""
+from nrsfm.reports.layouts.metrics import E_3D, E_MS, TableMetric
 
 
 @dataclass(frozen=True)
 class SameAs:
-    """In place of a setting's value: the value of the trial's setting ``path``."""
+    """Stands for the value of another setting of the same trial, by its dotted path."""
 
     path: str
 
@@ -147,10 +32,10 @@ class Method:
     printed, source : str
         Its name and its table in ``reports/paper``, where they are not the method's and the layout's.
     where : mapping
-        Dotted setting -> value: the trials that belong here, where a method stands more than once.
+        Dotted setting -> value of the trials that belong here, for a method that has several columns.
     label : str
         For readers; the method's by default.
-    metrics : tuple of Metric
+    metrics : tuple of TableMetric
         The layout's by default.
     """
 
@@ -160,11 +45,11 @@ class Method:
     source: str = ""
     where: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
-    metrics: tuple[Metric, ...] = ()
+    metrics: tuple[TableMetric, ...] = ()
 
     @property
     def key(self) -> str:
-        """``bmm``, or ``bmm cameras.source=known``: no other column of the table is called so."""
+        """Unique in the table: ``bmm``, or ``bmm cameras.source=known``."""
         return " ".join([self.name, *(f"{k}={getattr(v, 'path', v)}" for k, v in self.where.items())])
 
     def holds(self, settings: Mapping[str, Any]) -> bool:
@@ -187,7 +72,7 @@ def lookup(settings: Mapping[str, Any], path: str) -> Any:
 
 @dataclass(frozen=True)
 class Pool:
-    """A row that stands for many datasets. Without a label it is called after its setting."""
+    """A row that pools many datasets. Without a label it is named by its setting."""
 
     label: str
     datasets: tuple[str, ...]
@@ -195,7 +80,7 @@ class Pool:
 
 @dataclass(frozen=True)
 class Layout:
-    """A table as its paper prints it, and the columns that the audit adds.
+    """A table as its paper prints it, with the columns that this project adds.
 
     Parameters
     ----------
@@ -203,7 +88,7 @@ class Layout:
         Plain text.
     methods : tuple of Method
         Columns from left to right; those with a heading make the paper's table.
-    metrics : tuple of Metric
+    metrics : tuple of TableMetric
         Shown for every method that names none.
     source : str
         The published table (a key of ``nrsfm.reports.layouts.published.SOURCES``), "" for none.
@@ -212,21 +97,20 @@ class Layout:
     joiner : str
         Between the names of a row's bodies; "" leaves dataset names as they are.
     pools : mapping
-        Printed row -> the datasets that it stands for, where that is not the dataset of its name. A dataset may
-        count in several rows.
+        Row -> the datasets that it pools. A dataset may count in several rows.
     parts : Layout or None
-        Of the same answers with a row for each dataset, where rows pool them.
+        For a table whose rows pool datasets: the layout of the same answers with a row for each dataset.
     study : bool
-        Whether the trials are candidates, each held against the published numbers whatever its scene, and no claim to
-        reproduce them.
+        Whether the trials are candidates: they are compared with the published numbers whatever their scene, and
+        claim to reproduce none.
     notes : tuple of str
-        What the reader must know besides what the answers tell.
+        Notes that cannot be derived from the answers.
     """
 
     title: str
     caption: str
     methods: tuple[Method, ...] = ()
-    metrics: tuple[Metric, ...] = (E_3D, E_MS)
+    metrics: tuple[TableMetric, ...] = (E_3D, E_MS)
     source: str = ""
     points: str = ""
     joiner: str = ""
@@ -241,18 +125,18 @@ class Layout:
         return tuple(self.pools) or (published.datasets(self.source) if self.source else ())
 
     @property
-    def told_apart(self) -> frozenset[str]:
-        """The settings that tell columns apart, and so no rows."""
+    def column_settings(self) -> frozenset[str]:
+        """The settings in which columns differ; rows do not differ in them."""
         return frozenset(path for method in self.methods for path in method.where)
 
     def method(self, settings: Mapping[str, Any]) -> Method:
-        """The column of a trial; one of its own for a method that the layout did not foresee."""
+        """The column of a trial with these settings; a new column for a method that the layout does not have."""
         for method in self.methods:
             if method.holds(settings):
                 return method
         return Method(one_line(lookup(settings, "method.name")))
 
-    def printed(self, dataset: str, method: Method, metric: Metric) -> str | None:
+    def printed(self, dataset: str, method: Method, metric: TableMetric) -> str | None:
         """The published number, None where there is none."""
         source = method.source or self.source
         return published.printed(source, dataset, method.printed or method.name, metric.name) if source else None
@@ -273,19 +157,20 @@ class Layout:
         return self.joiner.join(body.capitalize() for body in dataset.split("_"))
 
 
+#: The other settings of the published scenes; placement and motion have fields of their own in tables.
 SCENE: Mapping[str, Any] = {"frames": None, "scale": "sequence", "upright": False, "degrees_per_frame": 5.0}
-"""The settings of the published scenes that have no field of their own in :class:`~nrsfm.reports.tables.model.Setting`."""
 
 
 def scene_words(dataset: Mapping[str, Any]) -> str:
-    """What makes a scene another than the published one, besides its placement and motion; "" for nothing."""
+    """Settings in which a scene differs from the published one, besides placement and motion; "" for none."""
     changed = ((name, dataset[name]) for name, value in SCENE.items() if dataset.get(name, value) != value)
-    return ", ".join(f"{name} {_word(value)}" for name, value in changed)
+    return ", ".join(f"{name} {setting_text(value)}" for name, value in changed)
 
 
-def _word(value: Any) -> str:
+def setting_text(value: Any) -> str:
+    """A setting's value as one line: ``paper``, ``0.5``, ``[3,0,0]``."""
     if isinstance(value, list | tuple):
-        return f"[{','.join(map(_word, value))}]"
+        return f"[{','.join(map(setting_text, value))}]"
     if isinstance(value, float):
         return f"{value:g}"
     return one_line(value if isinstance(value, str) else json.dumps(value))

@@ -1,68 +1,157 @@
-"""The logged numbers that tables print, as their metrics."""
+"""The metrics that tables show: which logged number answers which published one, and how rows pool it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
-from nrsfm.reports.layouts.layout import E_3D, E_MS, Metric
+from nrsfm.harness.evaluate.metric import Metric
+from nrsfm.harness.evaluate.metrics import BY_NAME
+from nrsfm.harness.record.text import DIGITS
 
-E_R = Metric("e_r", "e_R", "$e_R$", logged="e_r", absent="method gives no structure, or no camera is known")
+Pairs = Sequence[tuple[float, float]]
+"""Measured and published numbers of the datasets of a pool."""
 
 
-E_3D_ALIGNED = replace(E_3D, name="e_3d_dai")
+def _rms_log_ratio(pairs: Pairs) -> float:
+    return math.sqrt(statistics.fmean(math.log(max(m, 1e-300) / p) ** 2 for m, p in pairs))
 
 
-E_3D_CAMERA = Metric(
-    "e_3d_dai_cam",
-    "e_3D, camera frame",
-    "$e_{3D}$, camera frame",
-    logged="e_3d_dai_cam",
-    absent="method gives no structure",
+def _off(pairs: Pairs) -> float:
+    return float(sum(abs(m - p) > 0.1 * p + 1e-12 for m, p in pairs))
+
+
+def _tracks(pairs: Pairs) -> float:
+    return float(sum(abs(m - p) for m, p in pairs))
+
+
+#: Pools of measured numbers.
+MEANS: Mapping[str, Callable[[Sequence[float]], float]] = MappingProxyType(
+    {"mean": statistics.fmean, "median": statistics.median}
+)
+
+#: Pools of measured and published numbers: the distance, 0 at best, and the decimals that are printed.
+DISTANCES: Mapping[str, tuple[Callable[[Pairs], float], int]] = MappingProxyType(
+    {"log ratio": (_rms_log_ratio, 3), "> 10 % off": (_off, 0), "tracks off": (_tracks, 0)}
 )
 
 
-E_3D_KNOWN = replace(E_3D, name="e_3d_gt_rotation")
+@dataclass(frozen=True)
+class TableMetric:
+    """A metric as the columns of a table show it.
+
+    Parameters
+    ----------
+    logged : str
+        The logged metric, a key of :data:`~nrsfm.harness.evaluate.metrics.BY_NAME`.
+    published : str
+        Its name in ``reports/paper``; the logged name by default.
+    pool : str
+        What a row that pools datasets makes of their numbers: one of :data:`MEANS` or of :data:`DISTANCES`, or ""
+        where rows do not pool.
+    title : str
+        The label; the metric's own by default.
+    """
+
+    logged: str
+    published: str = ""
+    pool: str = ""
+    title: str = ""
+
+    @property
+    def metric(self) -> Metric:
+        """The entry of the logged metric."""
+        return BY_NAME[self.logged]
+
+    @property
+    def name(self) -> str:
+        """The published metric."""
+        return self.published or self.logged
+
+    @property
+    def label(self) -> str:
+        """For readers."""
+        return (self.title or self.metric.label or self.logged) + " %" * self.percent
+
+    @property
+    def tex(self) -> str:
+        """The label as LaTeX."""
+        return (self.title or self.metric.tex or self.metric.label or self.logged) + r" (\%)" * self.percent
+
+    @property
+    def distance(self) -> bool:
+        """Whether it is a distance from the published numbers; nothing is published of that."""
+        return self.pool in DISTANCES
+
+    @property
+    def percent(self) -> bool:
+        """Whether it is printed in per cent of the logged share."""
+        return self.pool in MEANS and self.metric.unit == "share"
+
+    @property
+    def beside(self) -> str:
+        """A second logged metric that is printed next to it, or ""."""
+        return "" if self.distance else self.metric.beside
+
+    @property
+    def counts(self) -> str:
+        """The logged number of wrong tracks, for a share of tracks; the verdict is then taken in tracks."""
+        return "" if self.percent else self.metric.counts
+
+    @property
+    def counted(self) -> bool:
+        """Whether wrong tracks are printed next to the number."""
+        return bool(self.counts) and not self.pool
+
+    @property
+    def tolerance(self) -> float:
+        """How far from the published number still counts as reproduced, in :attr:`unit`."""
+        return self.metric.pooled_tolerance if self.percent else self.metric.tolerance
+
+    @property
+    def absent(self) -> str:
+        """Why a finished run may have no such number."""
+        return self.metric.absent
+
+    @property
+    def unit(self) -> str:
+        """The unit of differences from published numbers."""
+        if self.percent:
+            return "percentage points"
+        return "tracks" if self.counts else "share of published"
+
+    @property
+    def digits(self) -> int:
+        """Decimals that are printed."""
+        if self.distance:
+            return DISTANCES[self.pool][1]
+        return 2 if self.percent else DIGITS
+
+    @property
+    def shown(self) -> str:
+        """The head of a measured column: ``e_3d_dai``, ``mean e_ms, %``."""
+        return f"{self.pool} {self.logged}".strip() + ", %" * self.percent
 
 
-E_3D_EQUATION = replace(E_3D, logged="e_3d")
+#: The paper's two errors, which a table has unless it names others.
+E_3D = TableMetric("e_3d_dai", published="e_3d")
+E_MS = TableMetric("e_ms")
 
+E_R = TableMetric("e_r")
+E_3D_ALIGNED = TableMetric("e_3d_dai")
+E_3D_CAMERA = TableMetric("e_3d_dai_cam")
+E_3D_KNOWN = TableMetric("e_3d_dai", published="e_3d_gt_rotation")
 
-MEAN = Metric(
-    "mean", "mean %", r"mean (\%)", logged="e_ms", tolerance=0.2, absent=E_MS.absent, pool="mean", percent=True
-)
+MEAN = TableMetric("e_ms", published="mean", pool="mean", title="mean")
+MEDIAN = replace(MEAN, published="median", pool="median", title="median")
+MEAN_TRACKS = replace(MEAN, title="wrong tracks")
+MEAN_3D = replace(E_3D, pool="mean")
+E_3D_HIDDEN = TableMetric("e_3d_hidden")
+MEAN_HIDDEN = replace(E_3D_HIDDEN, pool="mean")
 
-
-MEDIAN = replace(MEAN, name="median", label="median %", tex=r"median (\%)", pool="median")
-
-
-MISCOUNTED = Metric(
-    "miscounted",
-    "wrong number %",
-    r"wrong number (\%)",
-    logged="miscounted",
-    absent=E_MS.absent,
-    pool="mean",
-    percent=True,
-)
-
-
-MEAN_TRACKS = replace(MEAN, label="wrong tracks %", tex=r"wrong tracks (\%)")
-
-
-MEAN_3D = replace(E_3D, label="e_3D", pool="mean")
-
-
-MEAN_HIDDEN = Metric(
-    "e_3d_hidden",
-    "e_3D of hidden points",
-    "$e_{3D}$ of hidden points",
-    logged="e_3d_hidden",
-    absent="method gives no structure, or nothing is hidden",
-    pool="mean",
-)
-
-
-FOUND = Metric("n_bodies_found", "bodies found", "bodies found", logged="n_bodies_found", absent=E_MS.absent)
-
-
-EIGENGAP = Metric("eigengap", "eigengap", "eigengap", logged="eigengap", absent=E_MS.absent)
+FOUND = TableMetric("n_bodies_found")
+EIGENGAP = TableMetric("eigengap")
+MISCOUNTED = TableMetric("miscounted", pool="mean")

@@ -15,8 +15,10 @@ from nrsfm.harness.record.outcome import ABSENT, OK
 from nrsfm.harness.record.text import number, one_line
 from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.reports.layouts.baseline import wrong_tracks
-from nrsfm.reports.layouts.layout import DISTANCES, MEANS, Layout, Method, Metric
-from nrsfm.reports.layouts.paper import LABELS, layout
+from nrsfm.reports.layouts.index import layout
+from nrsfm.reports.layouts.labels import method_label
+from nrsfm.reports.layouts.layout import Layout, Method
+from nrsfm.reports.layouts.metrics import DISTANCES, MEANS, TableMetric
 from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
 from nrsfm.reports.tables.model import Cell, Column, Row, Run, Setting, Table, Verdict
 from nrsfm.reports.tables.remarks import remarks
@@ -69,7 +71,7 @@ def _columns(design: Layout, answers: Grid) -> list[Place]:
     methods = [method for method in design.methods if method.heading or method.key in asked]
     methods += [method for method in answers.methods if method not in methods]
     return [
-        (method, Column(method.key, method.label or LABELS.get(method.name, method.name), method.heading, metric))
+        (method, Column(method.key, method.label or method_label(method.name), method.heading, metric))
         for method in methods
         for metric in method.metrics or design.metrics
     ]
@@ -95,7 +97,7 @@ def _differing(settings: Iterable[Setting]) -> tuple[str, ...]:
 
 def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
     metric, pool = column.metric, design.pools.get(key.dataset)
-    published = None if metric.pool in DISTANCES else design.printed(key.dataset, method, metric)
+    published = None if metric.distance else design.printed(key.dataset, method, metric)
     blank = Cell(published=published, stand_in=key.stand_in, digits=metric.digits)
     if not answers:
         return replace(blank, reason="not asked")
@@ -112,7 +114,7 @@ def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: 
     missing = next(filter(None, (_missing(run, metric) for _, run in group)), "")
     if not values:
         return replace(blank, beside=_mean(runs, metric.beside), reason=missing)
-    if metric.pool in DISTANCES:
+    if metric.distance:
         return _distance_cell(blank, design, method, metric, group, key)
     points = {r.outcome.n_points for r in runs if r.outcome.status == OK}
     middle = MEANS[metric.pool or "mean"](values)
@@ -135,7 +137,7 @@ def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: 
 
 
 def _distance_cell(
-    blank: Cell, design: Layout, method: Method, metric: Metric, group: Sequence[Answer], key: RowKey
+    blank: Cell, design: Layout, method: Method, metric: TableMetric, group: Sequence[Answer], key: RowKey
 ) -> Cell:
     """How far the runs of a pool are from what is printed for each of its datasets."""
     pairs: list[tuple[float, float]] = []
@@ -153,10 +155,10 @@ def _distance_cell(
     whole = len(design.pools[key.dataset].datasets) if key.dataset in design.pools else 1
     if len(pairs) < whole:
         return replace(blank, reason=f"{len(pairs)} of {whole} datasets have a number and a published one")
-    return replace(blank, measured=DISTANCES[metric.pool].of(pairs), count=whole, reason=f"over {whole} datasets")
+    return replace(blank, measured=DISTANCES[metric.pool][0](pairs), count=whole, reason=f"over {whole} datasets")
 
 
-def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int | None, missing: str) -> Cell:
+def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: int | None, missing: str) -> Cell:
     """Set the verdict, or the reason why there is none."""
     if cell.stand_in:
         return replace(cell, verdict=Verdict.STAND_IN, reason=missing)
@@ -178,7 +180,7 @@ def _judge(cell: Cell, metric: Metric, setting: Setting, published_points: int |
     return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
 
 
-def _distance(cell: Cell, metric: Metric) -> tuple[float, float]:
+def _distance(cell: Cell, metric: TableMetric) -> tuple[float, float]:
     """Measured minus published, and the unit of its tolerance: a track, a point, or the published number itself."""
     published = float(cell.published or 0)
     if metric.counts:
@@ -186,7 +188,7 @@ def _distance(cell: Cell, metric: Metric) -> tuple[float, float]:
     return (cell.measured or 0.0) - published, 1.0 if metric.percent else published
 
 
-def _missing(run: Tracked | None, metric: Metric) -> str:
+def _missing(run: Tracked | None, metric: TableMetric) -> str:
     """Why a run gives no number; "" if it does."""
     if run is None:
         return "not run"
@@ -212,7 +214,7 @@ def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
     Distances from print rank the rows, so that no column of a row is marked.
     """
     marked = list(cells)
-    for metric in dict.fromkeys(column.metric for column in columns if column.metric.pool not in DISTANCES):
+    for metric in dict.fromkeys(column.metric for column in columns if not column.metric.distance):
         places = [i for i, column in enumerate(columns) if column.metric == metric]
         for best in _lowest(cells, places):
             marked[best] = replace(marked[best], best=True)

@@ -10,7 +10,7 @@ from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.tracked import Answer
 from nrsfm.harness.record.trial import Trial, digest, gap_words
-from nrsfm.reports.layouts.layout import Layout, Method, _word, scene_words
+from nrsfm.reports.layouts.layout import Layout, Method, scene_words, setting_text
 from nrsfm.reports.tables.model import Setting
 
 
@@ -120,9 +120,9 @@ def _place(trial: Trial, design: Layout) -> Place:
     """The dataset and the setting of a trial, without what tells columns apart."""
     cameras = one_line(trial.cameras.get("source", "known"))
     return one_line(trial.dataset["name"]), Setting(
-        cameras="" if "cameras.source" in design.told_apart else cameras,
-        placement=_word(trial.dataset.get("placement", "")),
-        motion=_word(trial.dataset.get("motion", "")),
+        cameras="" if "cameras.source" in design.column_settings else cameras,
+        placement=setting_text(trial.dataset.get("placement", "")),
+        motion=setting_text(trial.dataset.get("motion", "")),
         scene=scene_words(trial.dataset),
         level=float(trial.noise.get("level", 0.0)),
         gaps=one_line(gap_words(trial.gaps)),

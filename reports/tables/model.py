@@ -9,7 +9,7 @@ from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
 from nrsfm.harness.record.text import DIGITS, one_line
-from nrsfm.reports.layouts.layout import Metric
+from nrsfm.reports.layouts.metrics import TableMetric
 
 
 class Verdict(StrEnum):
@@ -156,7 +156,7 @@ class Column:
     method: str
     label: str
     heading: str
-    metric: Metric
+    metric: TableMetric
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ class Table:
         return (self, self.parts) if self.parts else (self,)
 
     @property
-    def metrics(self) -> tuple[Metric, ...]:
+    def metrics(self) -> tuple[TableMetric, ...]:
         return tuple(dict.fromkeys(column.metric for column in self.columns))
 
     @property

@@ -8,9 +8,11 @@ from typing import Any
 
 from nrsfm.harness.record.environment import COMPUTES, MACHINE, STATE
 from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
+from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
-from nrsfm.reports.layouts.layout import DISTANCES, Layout, Metric
+from nrsfm.reports.layouts.layout import Layout
+from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.grid import Grid
 from nrsfm.reports.tables.model import Column, Note, Row
 
@@ -100,13 +102,10 @@ def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
             yield Note(f"{label}: {shared}.")
 
 
-def _meaning(metric: Metric, published: bool) -> Iterator[str]:
-    if metric.logged == "e_3d_dai" and metric.beside:
-        yield (
-            "e_3D: the measured number is e_3d_dai, the older literature's error, which the published numbers follow; "
-            "e_3d, the error of the paper's printed equation, stands next to it."
-        )
-    if metric.pool in DISTANCES:
+def _meaning(metric: TableMetric, published: bool) -> Iterator[str]:
+    if metric.beside and metric.metric.remark:
+        yield metric.metric.remark
+    if metric.distance:
         return  # the caption says
     if metric.pool:
         yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."
@@ -124,15 +123,13 @@ def _meaning(metric: Metric, published: bool) -> Iterator[str]:
         )
 
 
-def _flat(group: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """A configuration's settings by dotted name, as text."""
-    flat: dict[str, str] = {}
-    for name, value in group.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{name}.")
-        elif not str(name).startswith("_") and name not in NOT_SETTINGS:
-            flat[one_line(prefix + str(name), 60)] = one_line("none" if value is None else value, 60)
-    return flat
+def _flat(group: Mapping[str, Any]) -> dict[str, str]:
+    """Settings by dotted name, as text, without :data:`NOT_SETTINGS`."""
+    return {
+        one_line(path, 60): one_line("none" if value is None else value, 60)
+        for path, value in flatten(group).items()
+        if not (name := path.rpartition(".")[2]).startswith("_") and name not in NOT_SETTINGS
+    }
 
 
 def _asked(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:

@@ -1,5 +1,5 @@
 "use strict";
-/** What every page draws with: elements, arrays, plots and the player of a 3D view, from a page's data. */
+/** Tools of every page: elements, arrays, plots and the player of a 3D view, from a page's data. */
 const nrsfmTools = (data) => {
   const plain = { displaylogo: false, responsive: true };
 
@@ -176,5 +176,18 @@ const nrsfmTools = (data) => {
     return found;
   }
 
-  return { heat, layout, make, plain, player, plots, shade };
+  /** Keys of a player on an element; an element in focus that knows the key itself keeps it. */
+  function listen(target, action) {
+    target.addEventListener("keydown", (event) => {
+      const own = { INPUT: "Arrow", BUTTON: " ", A: " ", SELECT: "" }[event.target.tagName], run = action(event.key);
+      if (!run || (own !== undefined && event.key.startsWith(own))) return;
+      event.preventDefault();
+      run();
+    });
+  }
+
+  /** Plots are drawn one after the other. */
+  const inOrder = (starts) => starts.reduce((before, start) => before.then(start), Promise.resolve());
+
+  return { heat, inOrder, layout, listen, make, plain, player, plots, shade };
 };

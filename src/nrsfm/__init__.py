@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nrsfm.harness.solving.solution import Solution, load, solve
+    from nrsfm.harness.solving.solution import Solution
+    from nrsfm.harness.solving.solve import load, solve
     from nrsfm.harness.tracking.results import results
 
     __version__: str
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 #: Public names and the modules that define them, imported when a name is first used.
 _HOMES = {
     "Solution": "nrsfm.harness.solving.solution",
-    "load": "nrsfm.harness.solving.solution",
+    "load": "nrsfm.harness.solving.solve",
     "results": "nrsfm.harness.tracking.results",
-    "solve": "nrsfm.harness.solving.solution",
+    "solve": "nrsfm.harness.solving.solve",
 }
 
 __all__ = ["Solution", "__version__", "load", "results", "solve"]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from nrsfm.harness.record.outcome import Outcome
+from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.harness.record.trial import Trial
 from tests.conftest import chromium
 
@@ -36,13 +36,8 @@ METRICS = ("e_3d_dai", "e_3d", "e_3d_dai_cam", "e_r", "n_bodies_found", "eigenga
 SCENE = {"placement": "paper", "motion": "registered", "scale": "sequence"}
 
 
-@dataclass(frozen=True)
-class Tracked:
-    """What the tracker returns, as far as reports look at it."""
-
-    outcome: Outcome
-    run_id: str = "8f3c"
-    uri: str = ""
+Answers = list[Answer]
+MakeAnswer = Callable[..., tuple[Trial, Tracked]]
 
 
 def make_trial(dataset: str, method: str, *, level: float = 0.0, repeat: int = 0, **more: Any) -> Trial:
@@ -84,7 +79,7 @@ def make_answer(dataset: str, method: str, n_wrong: int | None = 0, **more: Any)
 
 
 @pytest.fixture
-def answer() -> Callable[..., tuple[Trial, Tracked]]:
+def answer() -> MakeAnswer:
     return make_answer
 
 
@@ -93,8 +88,8 @@ def trial() -> Callable[..., Trial]:
     return make_trial
 
 
-def full(methods: tuple[str, ...], structure: bool, **more: Any) -> list[tuple[Trial, Tracked | None]]:
-    answers: list[tuple[Trial, Tracked | None]] = []
+def full(methods: tuple[str, ...], structure: bool, **more: Any) -> Answers:
+    answers: Answers = []
     for i, dataset in enumerate(POINTS):
         for method in methods:
             errors = {"e_3d_dai": E_3D_DAI[i] * (1.02 if method == "ours" else 1), "e_3d": E_3D_DAI[i] * 0.75}
@@ -103,13 +98,13 @@ def full(methods: tuple[str, ...], structure: bool, **more: Any) -> list[tuple[T
 
 
 @pytest.fixture
-def table1_answers() -> list[tuple[Trial, Tracked | None]]:
+def table1_answers() -> Answers:
     """Table 1 with every number there."""
     return full(("ssc2d", "ssc2d_share70", "edsc", "ours"), structure=False)
 
 
 @pytest.fixture
-def table2_answers() -> list[tuple[Trial, Tracked | None]]:
+def table2_answers() -> Answers:
     """Table 2 with every number there."""
     return full(("bmm_ssc3d", "ssc2d_bmm", "ours"), structure=True)
 

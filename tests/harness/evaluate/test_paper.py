@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from nrsfm.datasets.real.mocap import load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.evaluate import metrics
+from nrsfm.harness.evaluate.metric import needed
 from nrsfm.methods.registry import build_method
 from tests.conftest import PAIRS
 
@@ -17,7 +19,7 @@ pytestmark = pytest.mark.data
 
 #: e_3d_dai of BMM in this scene (R S = W, no rank cut), measured once by an independent program.
 BMM = dict(zip(PAIRS, (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195), strict=True))
-NATIVE = {"motion": "native", "placement": [3.0, 0.0, 0.0]}
+NATIVE: dict[str, Any] = {"motion": "native", "placement": [3.0, 0.0, 0.0]}
 
 
 def scene(folder: Path, pair: str, motion: str = "registered", placement: object = "paper") -> Scene:
@@ -28,7 +30,7 @@ def measured(scene: Scene, method: str) -> dict[str, float]:
     """Metrics of a method with the settings of its configuration."""
     settings = dict(expand([f"method={method}"])[0][0].method)
     del settings["name"]
-    found = build_method(settings).reconstruct(scene.tracks, scene.cameras, len(scene.bodies))
+    found = build_method(settings).reconstruct(scene.tracks, needed(scene.cameras), len(scene.bodies))
     return metrics.evaluate(scene, found, known_cameras=True)
 
 

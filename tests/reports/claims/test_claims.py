@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nrsfm.harness.record.tracked import Tracked
 from nrsfm.reports.claims import claims
 from nrsfm.reports.claims.claims import LEVELS, NOISY, PAIRS, judge
 from nrsfm.reports.claims.findings import HELD, NOT_HELD, NOT_TESTED, UMPM, Evidence
-from tests.reports.conftest import Tracked, make_answer
+from tests.reports.conftest import make_answer
 
 CURVES = {"history_objective": np.ones(100), "history_shape": np.geomspace(1, 1e-6, 100)}
 
@@ -44,7 +45,7 @@ def test_runs_under_another_setting_say_nothing_of_a_claim(change: str) -> None:
     """They bear the dataset and the method of the paper's runs and must not stand in their place."""
     other = run(PAIRS[0], "ours", 9)
     outcome = other.outcome
-    changed = {
+    changed: dict[str, dict[str, Any]] = {
         "gaps": {"parameters": outcome.parameters | {"gaps": {"kind": "random", "share": 0.2}}},
         "counted": {"metrics": outcome.metrics | {"n_bodies_found": 1.0}},
         "native": {"motion": "native"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from nrsfm.reports.formats import documents as writers
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Table
+from tests.reports.conftest import Answers
 from tests.reports.formats.test_documents import hostile, mixed
 
 __all__ = ["hostile", "mixed"]
@@ -38,10 +40,14 @@ def compiled(tex: str, folder: Path) -> str:
 
 @pytest.mark.parametrize("writer", [writers.tex_paper, writers.tex_audit])
 class TestEngine:
-    def test_the_papers_tables_fit_their_page(self, writer, tmp_path, table1_answers, table2_answers):
+    def test_the_papers_tables_fit_their_page(
+        self, writer: Callable[[Table], str], tmp_path: Path, table1_answers: Answers, table2_answers: Answers
+    ) -> None:
         for name, answers in (("table1", table1_answers), ("table2", table2_answers)):
             assert "Overfull" not in compiled(writer(build(name, answers)), tmp_path)
 
-    def test_hostile_text_and_mixed_rows(self, writer, tmp_path, hostile: Table, mixed: Table):
+    def test_hostile_text_and_mixed_rows(
+        self, writer: Callable[[Table], str], tmp_path: Path, hostile: Table, mixed: Table
+    ) -> None:
         for table in (hostile, mixed):
             compiled(writer(table), tmp_path)

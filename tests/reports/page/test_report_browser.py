@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nrsfm.harness.cli.report import Report, write
+from nrsfm.harness.evaluate.metric import needed
+from nrsfm.reports.report import Report
 from tests.reports.conftest import Shown, full, make_answer
 
 pytestmark = pytest.mark.browser
@@ -39,9 +40,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
         make_answer("dance_yoga", "ours", status="failed", error=EVIL, parameters={"seed": 1}),
     ]
     table2 = full(("bmm_ssc3d", "ssc2d_bmm", "ours"), structure=True)
-    table2[0] = (table2[0][0], replace(table2[0][1], run_id=EVIL))
+    table2[0] = (table2[0][0], replace(needed(table2[0][1]), run_id=EVIL))
     folder = tmp_path_factory.mktemp("page")
-    write(Report({"table1": table1, "table2": table2}, lambda _: arrays), folder)
+    Report({"table1": table1, "table2": table2}, lambda _: arrays).write(folder)
     return folder / "index.html"
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.solving.export import page
 from nrsfm.harness.solving.solution import Solution
 from nrsfm.methods.base import Reconstruction
 from tests.reports.conftest import Shown
@@ -52,7 +51,7 @@ def solution(truth: bool) -> Solution:
 
 def written(folder: Path, truth: bool) -> Path:
     path = folder / "view.html"
-    path.write_text(page(solution(truth)), encoding="utf-8")
+    path.write_text(solution(truth).page(), encoding="utf-8")
     return path
 
 

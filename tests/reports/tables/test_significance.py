@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from nrsfm.reports.formats.records import from_json, json_text
+from nrsfm.reports.formats.records import json_text
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Paired
 from nrsfm.reports.tables.significance import EXACT, holm, signed_rank
@@ -67,7 +69,7 @@ def test_ours_against_each_baseline_over_the_rows() -> None:
     assert error.p == error.corrected == pytest.approx(2 / 2**8)
     assert error.median == pytest.approx(-0.01)
     assert (wrong.better, wrong.worse, wrong.p) == (0, 0, 1.0)
-    assert from_json(json_text(built)) == built
+    assert json.loads(json_text(built))["tests"] == [asdict(error), asdict(wrong)]
 
 
 def test_stand_ins_and_too_few_rows_take_no_part() -> None:

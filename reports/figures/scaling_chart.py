@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nrsfm.reports.figures.charts import Panel, Series
+from nrsfm.reports.figures.chart import Panel, Series
 
 DENSE = 5 / 3  # P^3 operations of the dense iteration's factors and symmetric product
 

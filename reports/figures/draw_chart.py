@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nrsfm.reports.figures.charts import Chart, Panel
+from nrsfm.reports.figures.chart import Chart, Panel
 from nrsfm.reports.figures.style import COLOURS, look
 
 ACROSS = 4

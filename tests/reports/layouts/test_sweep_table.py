@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nrsfm.harness.config.spans import expand
-from nrsfm.reports.layouts.sweep import span
+from nrsfm.reports.layouts.sweep_table import span
 
 
 def headings(*overrides: str) -> list[str]:

@@ -7,31 +7,36 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.cli.report import Report
+from nrsfm.harness.evaluate.metric import needed
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.reports.figures.blobs import Blobs
-from nrsfm.reports.page.report import plotly, script_json, totals
+from nrsfm.harness.record.tracked import Tracked
+from nrsfm.reports.figures.page_data import Blobs
+from nrsfm.reports.page.report_page import totals
 from nrsfm.reports.page.runs import BUDGET, FRAMES, details
-from tests.reports.conftest import Tracked, make_answer
+from nrsfm.reports.page.standalone import plotly, script_json
+from nrsfm.reports.report import Report
+from tests.reports.conftest import make_answer
 
 
 @pytest.fixture
-def arrays(small_scene: Scene) -> dict[str, np.ndarray]:
+def arrays(small_scene: Scene) -> dict[str, NDArray[Any]]:
     """What a run on the small scene left: two wrong tracks, a structure a little off."""
-    labels = 1 - small_scene.labels
+    truth, true_labels = needed(small_scene.structure), needed(small_scene.labels)
+    labels = 1 - true_labels
     labels[[0, 20]] = 1 - labels[[0, 20]]
     return {
         "tracks": small_scene.tracks,
-        "structure": 1.02 * small_scene.structure,
-        "true_structure": small_scene.structure,
+        "structure": 1.02 * truth,
+        "true_structure": truth,
         "labels": labels,
-        "true_labels": small_scene.labels,
+        "true_labels": true_labels,
         "affinity": np.abs(np.subtract.outer(labels, labels)) + 0.1,
         "frame_e_3d": np.linspace(0.01, 0.05, len(small_scene.tracks)),
         "history_objective": np.exp(-np.arange(300.0)),
@@ -43,21 +48,22 @@ def tracked(name: str, method: str = "ours", **more: Any) -> Tracked:
     return make_answer(name, method, 2, e_3d=0.03, e_3d_dai=0.04, n_points=30, **more)[1]
 
 
-def unpack(blob: dict[str, Any]) -> np.ndarray:
+def unpack(blob: dict[str, Any]) -> NDArray[Any]:
     values = np.frombuffer(base64.b64decode(blob["data"]), "<i2" if blob["kind"] == "int16" else "u1")
-    return values.reshape(blob["shape"]) * blob["scale"]
+    return np.asarray(values.reshape(blob["shape"]) * blob["scale"])
 
 
 def embedded(text: str) -> dict[str, Any]:
     """The data of a page."""
     found = re.search(r'<script type="application/json" id="nrsfm-data">(.*?)</script>', text, re.DOTALL)
     assert found
-    return json.loads(found[1])
+    data: dict[str, Any] = json.loads(found[1])
+    return data
 
 
 class TestBlobs:
     @pytest.mark.parametrize("kind", ["int16", "uint8"])
-    def test_round_trip_to_half_a_step(self, rng: np.random.Generator, kind: str) -> None:
+    def test_round_trip_to_half_a_step(self, rng: np.random.Generator, kind: Literal["int16", "uint8"]) -> None:
         values = rng.uniform(0 if kind == "uint8" else -3, 3, (5, 3, 7))
         blobs = Blobs()
         blob = blobs.held[blobs.add(values, kind)]
@@ -75,7 +81,7 @@ class TestBlobs:
 
 
 class TestDetails:
-    def test_a_run_tells_everything_and_plays(self, arrays: dict[str, np.ndarray]) -> None:
+    def test_a_run_tells_everything_and_plays(self, arrays: dict[str, NDArray[Any]]) -> None:
         run = tracked("dance_yoga")
         told, blobs = details([run], lambda _: arrays, [run.outcome.key])
         entry = told[run.outcome.key]
@@ -88,15 +94,15 @@ class TestDetails:
         assert len(entry["curves"]["residual_shape"]["x"]) == 100
         assert entry["frames"][-1] == 0.05
 
-    def test_estimated_cameras_are_shown_after_their_alignment(self, arrays: dict[str, np.ndarray]) -> None:
+    def test_estimated_cameras_are_shown_after_their_alignment(self, arrays: dict[str, NDArray[Any]]) -> None:
         turn = np.diag([-1.0, -1.0, 1.0])
         turned = arrays | {"structure": turn @ arrays["structure"], "alignment": turn}
         run = tracked("dance_yoga")
-        found = [details([run], lambda _, a=a: a, [run.outcome.key]) for a in (arrays, turned)]
+        found = [details([run], shown.__getitem__, [run.outcome.key]) for shown in ({run: arrays}, {run: turned})]
         first, second = (unpack(b.held[told[run.outcome.key]["view"]["found"]]) for told, b in found)
         np.testing.assert_allclose(first, second, atol=1e-6)
 
-    def test_runs_that_are_not_viewed_have_no_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+    def test_runs_that_are_not_viewed_have_no_arrays(self, arrays: dict[str, NDArray[Any]]) -> None:
         run = tracked("dance_yoga")
         told, blobs = details([run], lambda _: arrays, [])
         assert "view" not in told[run.outcome.key]
@@ -108,7 +114,7 @@ class TestDetails:
         runs = [replace(run, outcome=replace(run.outcome, n_points=5000)) for run in runs]
         large = {run.outcome.key: rng.standard_normal((150, 3, 5000)).astype(np.float32) for run in runs}
 
-        def fetch(run: Tracked) -> dict[str, np.ndarray]:
+        def fetch(run: Tracked) -> dict[str, NDArray[Any]]:
             X = large[run.outcome.key]
             return {"structure": X, "true_structure": X}
 
@@ -120,7 +126,7 @@ class TestDetails:
 
 class TestPage:
     def test_it_loads_nothing_and_names_every_run(
-        self, table1_answers: list[Any], table2_answers: list[Any], arrays: dict[str, np.ndarray]
+        self, table1_answers: list[Any], table2_answers: list[Any], arrays: dict[str, NDArray[Any]]
     ) -> None:
         report = Report({"table1": table1_answers, "table2": table2_answers}, lambda _: arrays)
         text = report.texts()["index.html"]

@@ -1,55 +1,16 @@
-"""What each table shows, as data: methods and metrics in columns, where its published numbers stand.
-
-A new table is a new entry of :data:`LAYOUTS`. An experiment without an entry gets a table all the same: its
-columns are the methods that it asks for. Tables of this project's own experiments stand in :mod:`nrsfm.reports.layouts.studies`.
-"""
+"""The tables of the papers, as data: Tables 1 to 4, and the scenes and datasets that the papers report besides."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from nrsfm.reports.layouts.layout import E_3D, E_MS, Layout, Method
-from nrsfm.reports.layouts.metrics import E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_R, MEAN, MEDIAN
+from nrsfm.reports.layouts.layout import Layout, Method
+from nrsfm.reports.layouts.metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
 from nrsfm.reports.layouts.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
 from nrsfm.reports.layouts.pools import HOPKINS
-from nrsfm.reports.layouts.studies import STUDIES
 
-LABELS: Mapping[str, str] = MappingProxyType(
-    {
-        "ours": "Ours",
-        "ours_printed": "Ours, as printed",
-        "ours_c": "Ours, C",
-        "ours_cd": "Ours, C and D",
-        "ours_apart": "Ours, not coupled",
-        "ours_no_nuclear": "Ours, no nuclear norm",
-        "ours_not_whitened": "Ours, not whitened",
-        "ours_printed_exact": "As printed, exact diagonal",
-        "ours_printed_diag": "As printed, C - diag(C)",
-        "ours_printed_no_nuclear": "As printed, no nuclear norm",
-        "bmm": "BMM",
-        "pta": "PTA",
-        "edsc": "EDSC",
-        "ssc2d": "SSC(2D)",
-        "ssc2d_share70": "SSC(2D), share .7",
-        "bmm_ssc3d": "BMM + SSC(3D)",
-        "bmm_ssc3d_k6": "BMM, K = 6, + SSC(3D)",
-        "bmm_ssc3d_share70": "BMM + SSC(3D), share .7",
-        "ssc2d_bmm": "SSC(2D) + BMM",
-        "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",
-        "omp2d": "SSC-OMP(2D)",
-        "lrr2d": "LRR(2D)",
-        "bmm_lrr3d": "BMM + LRR(3D)",
-        "pta_ssc3d_share70": "PTA + SSC(3D), share .7",
-        "ssc_raw": "SSC",
-        "ssc_raw_4n": "SSC, 4n dimensions",
-        "edsc_raw": "EDSC",
-        "lrr_raw": "LRR",
-    }
-)
-
-
-LAYOUTS: Mapping[str, Layout] = MappingProxyType(
+PAPER_TABLES: Mapping[str, Layout] = MappingProxyType(
     {
         "table1": Layout(
             title="Table 1",
@@ -212,15 +173,5 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             pools=HOPKINS,
             notes=("The scenes have no cameras, and these methods use none.",),
         ),
-        **STUDIES,
     }
 )
-
-
-FILLS: Mapping[str, tuple[str, ...]] = MappingProxyType({"tables": ("table1", "table2")})
-"""Experiments that fill other tables than one of their own name."""
-
-
-def layout(name: str) -> Layout:
-    """The layout of a table; for an experiment that no paper prints, both errors of whatever methods it asks for."""
-    return LAYOUTS.get(name) or Layout(title=name, caption=f"Experiment {name}: no published table.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nrsfm.reports.figures.scaling import measured, scaling
+from nrsfm.reports.figures.scaling_chart import measured, scaling
 
 
 def test_scaling_shows_every_trial_and_its_exponent() -> None:

@@ -2,7 +2,7 @@
 (() => {
   const data = JSON.parse(document.getElementById("nrsfm-data").textContent);
   const dialog = document.getElementById("run");
-  const { heat, layout, make, plain, player, plots, shade } = nrsfmTools(data);
+  const { heat, inOrder, layout, listen, make, plain, player, plots, shade } = nrsfmTools(data);
 
   // ---- charts --------------------------------------------------------------------------------------------------
   /** Each panel is a plot of its own; one legend serves all of them. */
@@ -82,7 +82,7 @@
     dialog.replaceChildren(head, body);
     if (!dialog.open) dialog.showModal();
     history.replaceState(null, "", `#run=${encodeURIComponent(chosen)}`);
-    starts.reduce((before, start) => before.then(start), Promise.resolve());
+    inOrder(starts);
   }
 
   function close() {
@@ -94,12 +94,7 @@
 
   dialog.addEventListener("close", () => { close(); history.replaceState(null, "", location.pathname + location.search); });
   dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
-  dialog.addEventListener("keydown", (event) => {
-    const action = playing?.keys[event.key], own = { INPUT: "Arrow", BUTTON: " ", A: " ", SELECT: "" }[event.target.tagName];
-    if (!action || (own !== undefined && event.key.startsWith(own))) return;  // the element knows the key itself
-    event.preventDefault();
-    action();
-  });
+  listen(dialog, (key) => playing?.keys[key]);
 
   // ---- tables --------------------------------------------------------------------------------------------------
   function sort(button) {

@@ -1,0 +1,58 @@
+"""Numbers and arrays as the JSON of a page holds them: rounded, packed, each array once."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass
+class Blobs:
+    """Arrays by the digest of their contents, each stored once as ``{kind, shape, scale, data}``."""
+
+    held: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, values: NDArray[Any], kind: Literal["int16", "uint8"]) -> str:
+        """Store an array and return its name.
+
+        Parameters
+        ----------
+        values : array
+            NaN becomes the least number of int16.
+        kind : {"int16", "uint8"}
+            The values are scaled to its whole range; uint8 is for values from 0 on.
+        """
+        top = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        steps = {"int16": 32767, "uint8": 255}[kind]
+        filled = np.where(np.isnan(values), -(steps + 1) / steps * top, values)  # one step below the least value
+        packed = np.round(filled / top * steps).astype(f"<{np.dtype(kind).str[1:]}")
+        name = hashlib.sha256(repr((packed.shape, top)).encode() + packed.tobytes()).hexdigest()[:12]
+        self.held[name] = {
+            "kind": kind,
+            "shape": packed.shape,
+            "scale": significant(top / steps),
+            "data": base64.b64encode(packed.tobytes()).decode(),
+        }
+        return name
+
+
+def significant(value: float) -> float:
+    """Six significant digits."""
+    return float(f"{value:.6g}")
+
+
+def rounded(values: Iterable[float]) -> list[float | None]:
+    """Six significant digits each; None for what is not finite."""
+    return [significant(value) if math.isfinite(value) else None for value in values]
+
+
+def evenly(n: int, most: int) -> NDArray[np.int64]:
+    """At most so many of the numbers 0..n-1, evenly spaced, first and last among them."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))

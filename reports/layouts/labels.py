@@ -1,0 +1,46 @@
+"""The names of methods for readers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from nrsfm.harness.record.text import one_line
+
+LABELS: Mapping[str, str] = MappingProxyType(
+    {
+        "ours": "Ours",
+        "ours_printed": "Ours, as printed",
+        "ours_c": "Ours, C",
+        "ours_cd": "Ours, C and D",
+        "ours_apart": "Ours, not coupled",
+        "ours_no_nuclear": "Ours, no nuclear norm",
+        "ours_not_whitened": "Ours, not whitened",
+        "ours_printed_exact": "As printed, exact diagonal",
+        "ours_printed_diag": "As printed, C - diag(C)",
+        "ours_printed_no_nuclear": "As printed, no nuclear norm",
+        "bmm": "BMM",
+        "pta": "PTA",
+        "edsc": "EDSC",
+        "ssc2d": "SSC(2D)",
+        "ssc2d_share70": "SSC(2D), share .7",
+        "bmm_ssc3d": "BMM + SSC(3D)",
+        "bmm_ssc3d_k6": "BMM, K = 6, + SSC(3D)",
+        "bmm_ssc3d_share70": "BMM + SSC(3D), share .7",
+        "ssc2d_bmm": "SSC(2D) + BMM",
+        "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",
+        "omp2d": "SSC-OMP(2D)",
+        "lrr2d": "LRR(2D)",
+        "bmm_lrr3d": "BMM + LRR(3D)",
+        "pta_ssc3d_share70": "PTA + SSC(3D), share .7",
+        "ssc_raw": "SSC",
+        "ssc_raw_4n": "SSC, 4n dimensions",
+        "edsc_raw": "EDSC",
+        "lrr_raw": "LRR",
+    }
+)
+
+
+def method_label(method: str) -> str:
+    """A method's label; its name on one line for a method that has none."""
+    return LABELS.get(method, one_line(method, 60))

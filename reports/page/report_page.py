@@ -1,0 +1,77 @@
+"""The report as one standalone page: summary, claims, figures, tables, and every run behind them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from nrsfm.harness.record.tracked import Fetch, Tracked
+from nrsfm.reports.claims.findings import Judged
+from nrsfm.reports.figures.chart import Chart
+from nrsfm.reports.page.runs import details
+from nrsfm.reports.page.standalone import render_page
+from nrsfm.reports.tables.model import Table, Verdict
+
+
+def page(
+    tables: Sequence[Table],
+    charts: Sequence[Chart],
+    judged: Sequence[Judged],
+    runs: Mapping[str, Tracked],
+    fetch: Fetch,
+) -> str:
+    """The page of some tables.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+    charts : sequence of Chart
+    judged : sequence of Judged
+        The claims.
+    runs : mapping
+        Trial key -> the tracked run, for every run that a cell names.
+    fetch : callable
+        Returns the arrays of a tracked run, empty if there are none.
+
+    Returns
+    -------
+    str
+        HTML that loads nothing from elsewhere. The same runs give the same text.
+
+    Raises
+    ------
+    UsageError
+        If plotly is not installed.
+    """
+    data, blobs = details(runs.values(), fetch, _viewed(tables))
+    drawn = {chart.name: chart.data(blobs) for chart in charts}
+    return render_page(
+        "report",
+        {"runs": data, "charts": drawn},
+        blobs,
+        tables=tables,
+        charts=charts,
+        judged=judged,
+        totals=totals(tables),
+        versions=_versions(data.values()),
+    )
+
+
+def totals(tables: Sequence[Table]) -> dict[str, int]:
+    """Published numbers of all tables but studies by verdict; ``not judged`` for the rest."""
+    claiming = [table for table in tables if not table.study]
+    counts = {verdict.value: sum(t.verdicts[verdict] for t in claiming) for verdict in list(Verdict)[:3]}
+    return counts | {"not judged": sum(table.published for table in claiming) - sum(counts.values())}
+
+
+def _viewed(tables: Sequence[Table]) -> list[str]:
+    """The first run of each cell: its repeats differ by a noise draw alone."""
+    cells = [cell for table in tables for layer in table.layers for _, _, cell in layer.cells()]
+    return [cell.runs[0].trial_key for cell in cells if cell.runs]
+
+
+def _versions(runs: Iterable[Mapping[str, Any]]) -> list[tuple[str, int]]:
+    """Each environment as text, and the number of runs that were computed in it."""
+    environments = (", ".join(f"{k} {v}" for k, v in run.get("versions", {}).items()) for run in runs)
+    return sorted(Counter(environments).items())
