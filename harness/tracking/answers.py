@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand
-from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.tracked import Answer, Tracked
-from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.tracking.tracker import Tracker
-from nrsfm.harness.trial.execute import identify
+from nrsfm.harness.trial.identity import identify
 
 
 class Store:
@@ -60,14 +58,5 @@ def answers(overrides: Sequence[str], store: Store | None = None) -> tuple[list[
     trials = expand(overrides)
     settings = trials[0][1]
     store = store or Store(settings)
-    found: list[Answer] = [(trial, store.find(identify(trial, own)[0], trial.setting)) for trial, own in trials]
+    found: list[Answer] = [(trial, store.find(identify(trial, own).key, trial.setting)) for trial, own in trials]
     return found, settings, store
-
-
-def recorded(trials: Iterable[tuple[Trial, Settings]]) -> list[Answer]:
-    """As :func:`answers` of trials, from the records in the output folder, which asks no tracker."""
-    found: list[Answer] = []
-    for trial, settings in trials:
-        outcome = read_record(settings.trials / identify(trial, settings)[0])
-        found.append((trial, None if outcome is None else Tracked(outcome, "", "")))
-    return found
