@@ -27,8 +27,12 @@ from nrsfm.harness.tracking.writer import prepare
 from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
+from nrsfm.harness.trial.progress import steps
 
 ATTEMPTS = 3  # consecutive attempts that may end without any trial done
+
+
+STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
 
 
 @dataclass(frozen=True)
@@ -130,9 +134,19 @@ def _attempt(work: Work, launcher: Launcher) -> str:
         trouble = f"the sweep ended early ({type(error).__name__}: {one_line(error, 200)})"
     except BaseException:
         work.end()
+        _await_stop(work)
         raise
     work.clear()
     return trouble
+
+
+def _await_stop(work: Work) -> None:
+    """Wait until no worker runs a trial, so that the last records are there when the tracker is completed."""
+    keys = {job.identity.key for job in work.jobs}
+    settings = work.jobs[0].settings
+    end = time.monotonic() + STOP_SECONDS
+    while time.monotonic() < end and any(key in keys for key, _ in steps(settings.output, settings.sweep)):
+        time.sleep(0.1)
 
 
 @contextmanager
