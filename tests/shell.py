@@ -1,4 +1,4 @@
-"""A shell for the command line, and methods that misbehave, as an installed package would bring them."""
+"""Fixtures that run the command line, and a method that misbehaves, as an installed package would bring it."""
 
 from __future__ import annotations
 
@@ -58,6 +58,8 @@ class Naughty(Method):
             time.sleep(1.5)
         if self.how == "slow":
             time.sleep(1.0)
+        while self.how == "gate" and not os.path.exists(os.path.join(os.environ["NRSFM_OUTPUT"], "gate")):
+            time.sleep(0.05)
         return Reconstruction(labels=np.arange(tracks.shape[2]) % n_bodies)
 '''
 
@@ -68,7 +70,7 @@ Shell = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture(scope="session")
 def naughty_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder to put on the path: a module, its entry point, and a configuration of it."""
+    """A folder for the path that holds an installed package: a module and its entry point."""
     root = tmp_path_factory.mktemp("installed")
     (root / "naughty.py").write_text(NAUGHTY)
     info = root / "naughty-1.0.dist-info"
@@ -84,16 +86,16 @@ def environment(tmp_path: Path, naughty_package: Path) -> dict[str, str]:
         **os.environ,
         "NRSFM_OUTPUT": str(tmp_path / "out"),
         "NRSFM_DATA": str(tmp_path / "no-data"),
-        "PYTHONPATH": os.pathsep.join([str(naughty_package), str(ROOT)]),  # this checkout, installed or not
+        "PYTHONPATH": os.pathsep.join([str(naughty_package), str(ROOT / "src")]),  # this checkout, installed or not
         "COLUMNS": "200",
     }
 
 
 @pytest.fixture
 def shell(environment: dict[str, str], tmp_path: Path) -> Shell:
-    """Run the command line in a process of its own; extra keywords are environment variables."""
+    """Run the command line in a new process; extra keywords are environment variables."""
 
-    def call(*arguments: str, timeout: float = 240, **variables: str) -> subprocess.CompletedProcess[str]:
+    def call(*arguments: str, timeout: float = 1200, **variables: str) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
             [sys.executable, "-m", "nrsfm", *arguments],
             env=environment | variables,
@@ -113,7 +115,7 @@ def shell(environment: dict[str, str], tmp_path: Path) -> Shell:
 def nrsfm(
     environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Shell:
-    """Run the command line in this process, which saves its start; otherwise as ``shell``."""
+    """Run the command line in this process, which is quicker; otherwise as ``shell``."""
     from nrsfm.harness.cli.main import main
 
     monkeypatch.chdir(tmp_path)
@@ -133,9 +135,9 @@ def nrsfm(
     return call
 
 
-#: A scene and method that take no time.
+#: A scene and a method that take almost no time.
 TINY = ("dataset.points=8", "dataset.frames=12", "method=edsc")
-#: The misbehaving method in place of a real one.
+#: The same scene with the misbehaving method.
 ODD = (*TINY, "~method.clusterer", "method.algorithm=naughty", "method.name=naughty")
 
 
@@ -145,12 +147,12 @@ def records(tmp_path: Path) -> dict[str, dict[str, Any]]:
 
 
 def tracked(tmp_path: Path) -> list[Tracked]:
-    """The runs of the store."""
+    """The finished runs in the tracker."""
     return Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").outcomes()
 
 
 def started(environment: dict[str, str], tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
-    """The command line as a terminal would start it: a process group of its own that Ctrl-C reaches."""
+    """Start the command line as a terminal does: in its own process group, which Ctrl-C reaches."""
     return subprocess.Popen(
         [sys.executable, "-m", "nrsfm", *arguments],
         env=environment,
@@ -164,20 +166,26 @@ def started(environment: dict[str, str], tmp_path: Path, *arguments: str) -> sub
 
 
 def processes(tmp_path: Path) -> list[int]:
-    """Every process that works for the output folder."""
-    mark, found = f"NRSFM_OUTPUT={tmp_path}/out".encode(), []
+    """Ids of all processes whose environment names the output folder, except zombies."""
+    mark, pids = f"NRSFM_OUTPUT={tmp_path}/out".encode(), []
     for path in Path("/proc").glob("[0-9]*/environ"):
         try:
             if mark in path.read_bytes().split(b"\0") and b"Z" not in (path.parent / "stat").read_bytes().split()[2]:
-                found.append(int(path.parent.name))
+                pids.append(int(path.parent.name))
         except OSError:
             continue
-    return sorted(found)
+    return sorted(pids)
 
 
-def until(what: Callable[[], object], seconds: float = 60) -> None:
-    """Wait for something to be true."""
+def open_gate(tmp_path: Path) -> None:
+    """Let the trials of ``method.how=gate`` end, which run until this file is there."""
+    (tmp_path / "out/gate").touch()
+
+
+def until(condition: Callable[[], object], sweep: subprocess.Popen[str] | None = None, seconds: float = 600) -> None:
+    """Wait until a condition is true; fails at once if the sweep that is to bring it about has ended."""
     end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end, "it did not come true in time"
+    while not condition():
+        assert sweep is None or sweep.poll() is None, f"the sweep ended before: {sweep.communicate()}"
+        assert time.monotonic() < end, f"not true after {seconds:g} s"
         time.sleep(0.02)

@@ -154,8 +154,8 @@ nrsfm plan experiment=noise rerun=failed  # what 'nrsfm run' would repeat
 nrsfm plan experiment=noise --all  # every trial, not methods and states
 nrsfm plan experiment=noise --json  # for machines
 nrsfm plan experiment=dense_full limits.memory_gb=4  # what does not fit is refused before it runs""",
-        "Time is that of past trials of the method and size; where there are none, of the nearest size, scaled. What\n"
-        "it rests on stands beside it.\n\n"
+        "Time is the median of past trials of the method and size, and unknown where there are none; the time of the\n"
+        "nearest size is then named.\n\n"
         "exit codes: 0 nothing failed for good and nothing is in the way, 2 otherwise, 3 usage",
     )
     parser.add_overrides()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stdout
-from dataclasses import replace
-from datetime import datetime
 from io import StringIO
 from pathlib import Path
 
@@ -15,25 +12,17 @@ from hydra._internal.utils import get_args_parser
 
 from nrsfm.harness.cli.parser import Parser
 from nrsfm.harness.config.address import is_server, shown
-from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.outcome import OK
 from nrsfm.harness.record.text import printable
-from nrsfm.harness.record.trial import Trial
-from nrsfm.harness.sweep.conductor import _carry_out, _hydra, _interruptible
-from nrsfm.harness.sweep.follower import Follower
-from nrsfm.harness.sweep.launcher import Launcher
-from nrsfm.harness.sweep.work import Job
-from nrsfm.harness.tracking.writer import prepare
-from nrsfm.harness.trial.execute import identify, repeats
-from nrsfm.harness.trial.isolation import start_server
-from nrsfm.harness.trial.journal import journal
+from nrsfm.harness.record.tracked import Tracked
+from nrsfm.harness.sweep.application import call_hydra
+from nrsfm.harness.sweep.conductor import Sweep, conduct
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run what the overrides ask for; returns the exit code.
+    """Run the trials of the overrides and print a summary; returns the exit code.
 
     Raises
     ------
@@ -42,99 +31,70 @@ def main(argv: Sequence[str]) -> int:
     OSError
         If the output folder cannot be written.
     """
-    asked, unknown = get_args_parser().parse_known_args(list(argv))
+    options, unknown = get_args_parser().parse_known_args(list(argv))
     if unknown:
         raise UsageError(f"{unknown[0]} is no option of 'nrsfm run'; see 'nrsfm run --help'")
-    if asked.config_name or asked.config_path:
+    if options.config_name or options.config_path:
         raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
-    overrides = list(asked.overrides)
-    if asked.config_dir:
-        overrides.append(f"hydra.searchpath=[file://{Path(asked.config_dir).resolve()}]")
-    if asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
-        with redirect_stdout(StringIO()) as said:
-            code = _hydra(list(argv))
-        print(shown(said.getvalue()), end="")
+    overrides = list(options.overrides)
+    if options.config_dir:
+        overrides.append(f"hydra.searchpath=[file://{Path(options.config_dir).resolve()}]")
+    if options.hydra_help or options.cfg or options.info or options.shell_completion:
+        with redirect_stdout(StringIO()) as output:
+            code = call_hydra(argv)
+        print(shown(output.getvalue()), end="")
         return code
-    start_server()
-    writer = prepare()
-    trials = expand(overrides)
-    sweep = trials[0][1].sweep or _name()
-    jobs: dict[str, Job] = {}
-    for trial, own in trials:
-        key = identify(trial, own)[0]
-        if key not in jobs:
-            found = read_record(own.trials / key)
-            jobs[key] = Job(trial, replace(own, sweep=sweep), found.finished if found else "")
-    settings = next(iter(jobs.values())).settings
-    launcher = Launcher(overrides, settings)
-
-    def missing() -> dict[str, Job]:
-        found = {key: read_record(settings.trials / key) for key in jobs}
-
-        def again(key: str, job: Job) -> bool:
-            outcome = found[key]
-            return outcome is None or repeats(outcome, job.trial, job.settings.rerun, job.old)
-
-        return {key: job for key, job in jobs.items() if again(key, job)}
-
-    journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    asked_for = {key: job.trial for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys(), writer) as follower:
-        trouble = _carry_out(missing, settings, launcher)
-    if trouble:
-        print(f"nrsfm run: {printable(trouble)}; start it again to run the rest", file=sys.stderr)
-    if len(jobs) > 1 or asked.multirun:
-        _show(overrides, trials)
-    return _report(follower)
+    sweep = conduct(overrides)
+    if sweep.trouble:
+        print(f"nrsfm run: {printable(sweep.trouble)}; start it again to run the rest", file=sys.stderr)
+    if len(sweep.jobs) > 1 or options.multirun:
+        _print_tables(overrides, sweep)
+    _print_summary(sweep)
+    complete = sweep.entries.keys() == sweep.jobs.keys() and sweep.counts.keys() <= {OK}
+    return 0 if complete and not sweep.tracking_trouble else 2
 
 
-def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
-    """Print the tables that a sweep of these trials has just filled."""
-    from nrsfm.harness.tracking.runs import recorded
+def _print_tables(overrides: Sequence[str], sweep: Sweep) -> None:
+    """Print the tables that a sweep has filled."""
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.layouts.index import FILLS
     from nrsfm.reports.layouts.sweep_table import span
     from nrsfm.reports.tables.build import build
 
-    named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
-    name = named[-1].partition("=")[2] if named else "sweep"
-    others = [word for word in overrides if word not in named]
+    records = {job.trial.setting: job.record for job in sweep.jobs.values()}
+    trials = [job.trial for job in sweep.jobs.values()]
+    experiments = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
+    name = experiments[-1].partition("=")[2] if experiments else "sweep"
+    others = [word for word in overrides if word not in experiments]
     for table in FILLS.get(name, (name,)):
-        asked = trials if table == name else expand([f"experiment={table}", *others])
-        found = recorded(asked)
-        console(build(table, found, None if named else span([trial for trial, _ in trials])))
+        rows = trials if table == name else [trial for trial, _ in expand([f"experiment={table}", *others])]
+        pairs = ((trial, records.get(trial.setting)) for trial in rows)
+        answers = [(trial, Tracked(record, "", "") if record else None) for trial, record in pairs]
+        console(build(table, answers, None if experiments else span(trials)))
 
 
-def _report(follower: Follower) -> int:
-    entries = follower.entries.values()
-    ran = [entry for entry in entries if entry.ran]
-    before = len(entries) - len(ran)
-    missing = len(follower.trials) - len(entries)
-    bad = {status: n for status, n in follower.counts.items() if status != OK}
-    parts = [f"{len(ran)} run" if ran else "nothing to run"]
-    if before:
+def _print_summary(sweep: Sweep) -> None:
+    """Print how many trials ran, were done before, failed, or are missing, and what kept them from the tracker."""
+    entries, total = sweep.entries.values(), len(sweep.jobs)
+    ran = sum(entry.ran for entry in entries)
+    parts = [f"{ran} run" if ran else "nothing to run"]
+    if before := len(entries) - ran:
         parts.append(f"{before} done before")
-    parts += [f"{n} {status}" for status, n in sorted(bad.items())]
-    if missing:
+    parts += [f"{n} {status}" for status, n in sorted(sweep.counts.items()) if status != OK]
+    if missing := total - len(entries):
         parts.append(f"{missing} not reached")
-    total = len(follower.trials)
-    print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
+    print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {sweep.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
-    if follower.trouble:
-        uri = shown(follower.settings.tracking_uri)
+    if trouble := sweep.tracking_trouble:
+        uri = shown(sweep.settings.tracking_uri)
         place = f" tracking=server tracking.uri={uri}" if is_server(uri) else ""
-        remedy = "" if "'nrsfm sync" in follower.trouble else f", 'nrsfm sync{place}' brings them in"
-        print(f"{printable(follower.trouble)}; the trials are safe{remedy}", file=sys.stderr)
-    return 2 if bad or missing or follower.trouble else 0
-
-
-def _name() -> str:
-    return f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+        remedy = "" if "'nrsfm sync" in trouble else f", 'nrsfm sync{place}' brings them in"
+        print(f"{printable(trouble)}; the trials are safe{remedy}", file=sys.stderr)
 
 
 def command_line() -> Parser:
-    """Shows and completes what Hydra parses."""
+    """The parser that prints the help and completes words; Hydra parses the command line itself."""
     parser = Parser(
         "nrsfm run",
         "Run one trial, a sweep, or an experiment. What is done already is not repeated.",

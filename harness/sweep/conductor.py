@@ -1,89 +1,159 @@
+"""Carry out a sweep, from its overrides to a record for every trial.
+
+The code is called in one direction: the conductor identifies the trials and starts a launcher, the launcher starts
+workers, each worker goes through the shared work, ``execute`` runs one trial of it apart, and ``worker`` is what
+happens in that process. Results come back as files: records, and lines in the sweep's journal.
+"""
+
 from __future__ import annotations
 
-import os
 import secrets
 import signal
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-
-import hydra
-from omegaconf import DictConfig
+from dataclasses import dataclass, replace
+from datetime import datetime
 
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.record.folder import check_space
+from nrsfm.harness.config.spans import expand
+from nrsfm.harness.record.folder import check_space, read_record
+from nrsfm.harness.record.text import one_line
+from nrsfm.harness.sweep.follower import Follower
 from nrsfm.harness.sweep.launcher import Launcher
-from nrsfm.harness.sweep.work import Job, Work, go_through
-from nrsfm.harness.trial.journal import journal
+from nrsfm.harness.sweep.work import Job, Work
+from nrsfm.harness.tracking.writer import prepare
+from nrsfm.harness.trial.identity import identify
+from nrsfm.harness.trial.isolation import start_server
+from nrsfm.harness.trial.journal import Entry, journal
+from nrsfm.harness.trial.progress import steps
 
-ATTEMPTS = 3  # in a row that may end early without a trial done
-
-
-@hydra.main(config_path="pkg://nrsfm.conf", config_name="config", version_base="1.3")
-def job(cfg: DictConfig) -> None:
-    """One worker of a sweep: a Hydra job, whatever the launcher."""
-    path = Path(cfg.work)
-    if path.is_file():  # otherwise the sweep is over
-        go_through(Work.read(path))
+ATTEMPTS = 3  # consecutive attempts that may end without any trial done
 
 
-def _carry_out(missing: Callable[[], dict[str, Job]], settings: Settings, launcher: Launcher) -> str:
-    """Start workers until nothing is missing; what was in the way, or "".
+STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
 
-    An attempt may end early, as when a worker is killed; the next runs the rest.
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep that has ended.
+
+    Parameters
+    ----------
+    settings : Settings
+    jobs : mapping of str to Job
+        All of its trials, by key.
+    entries : mapping of str to Entry
+        Those that have a record, by key.
+    trouble : str
+        What ended the sweep before all trials were done, "" for nothing.
+    tracking_trouble : str
+        What kept trials from the tracker, "" for nothing.
+    """
+
+    settings: Settings
+    jobs: Mapping[str, Job]
+    entries: Mapping[str, Entry]
+    trouble: str
+    tracking_trouble: str
+
+    @property
+    def counts(self) -> Counter[str]:
+        """How many trials ended with each status, in this sweep or before."""
+        return Counter(entry.status for entry in self.entries.values())
+
+
+def conduct(overrides: Sequence[str]) -> Sweep:
+    """Run every trial of the overrides that is not done.
+
+    Raises
+    ------
+    UsageError
+        If the overrides or the launcher cannot be used; nothing has run then.
+    OSError
+        If the output folder cannot be written.
+    """
+    start_server()  # libraries load while the configurations are composed
+    writer = prepare()
+    jobs = _identified(overrides)
+    settings = next(iter(jobs.values())).settings
+    launcher = Launcher(overrides, settings)
+    journal(settings.output, settings.sweep).parent.mkdir(parents=True, exist_ok=True)
+    trials = {key: job.trial for key, job in jobs.items()}
+    done = {key for key, job in jobs.items() if not job.due}
+    with _interruptible(), Follower(settings, trials, done, writer) as follower:
+        trouble = _run_all(list(jobs.values()), settings, launcher)
+    return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
+
+
+def _identified(overrides: Sequence[str]) -> dict[str, Job]:
+    """The jobs of a sweep by key, each with its identity and the state in which the sweep finds it."""
+    trials = expand(overrides)
+    sweep = trials[0][1].sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+    jobs: dict[str, Job] = {}
+    for trial, settings in trials:
+        identity = identify(trial, settings)
+        record = read_record(settings.trials / identity.key)
+        old = record.finished if record else ""
+        jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old)
+    return jobs
+
+
+def _run_all(jobs: Sequence[Job], settings: Settings, launcher: Launcher) -> str:
+    """Start workers until every job is done; returns what prevented that, or "".
+
+    An attempt may end early, as when a worker is killed; the next one runs the rest.
     """
     folder = journal(settings.output, settings.sweep).parent
-    until, lost, trouble = time.time() + settings.sweep_seconds, 0, ""
-    left = missing()
-    while left and lost < ATTEMPTS and time.time() < until:
-        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", list(left.values()), until)
+    until, fruitless, trouble = time.time() + settings.sweep_seconds, 0, ""
+    left = [job for job in jobs if job.due]
+    while left and fruitless < ATTEMPTS and time.time() < until:
+        work = Work.begin(folder / f"{secrets.token_hex(4)}.work", left, until)
+        trouble = _attempt(work, launcher)
+        still = [job for job in left if job.due]
+        fruitless = fruitless + 1 if len(still) == len(left) else 0
+        left = still
         try:
-            trouble = _attempt(work, launcher)
-        except BaseException:
-            work.end()
-            raise
-        work.clear()
-        still = missing()
-        left, lost = still, lost + 1 if len(still) == len(left) else 0
-        try:
-            check_space(folder)  # however a worker's error came here
+            check_space(folder)  # a worker's error may not say that the disk is full
         except OSError as error:
-            trouble, lost = f"{error.filename}: {error.strerror}; make room", ATTEMPTS
+            trouble, fruitless = f"{error.filename}: {error.strerror}; make room", ATTEMPTS
     if not left:
         return ""
-    return f"its {settings.sweep_seconds:g} s are over" if time.time() >= until else trouble or "its workers were lost"
+    if time.time() >= until:
+        return f"its {settings.sweep_seconds:g} s are over"
+    return trouble or "its workers were lost"
+
+
+def _attempt(work: Work, launcher: Launcher) -> str:
+    """Have workers go through the work; returns what ended them early, or ""."""
+    trouble = ""
+    try:
+        launcher.launch(work)
+    except Exception as error:
+        trouble = f"the sweep ended early ({type(error).__name__}: {one_line(error, 200)})"
+    except BaseException:
+        work.end()
+        _await_stop(work)
+        raise
+    work.clear()
+    return trouble
+
+
+def _await_stop(work: Work) -> None:
+    """Wait until no worker runs a trial, so that the last records are there when the tracker is completed."""
+    keys = {job.identity.key for job in work.jobs}
+    settings = work.jobs[0].settings
+    end = time.monotonic() + STOP_SECONDS
+    while time.monotonic() < end and any(key in keys for key, _ in steps(settings.output, settings.sweep)):
+        time.sleep(0.1)
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """End on SIGTERM as on Ctrl-C: workers are told, what was finished is kept."""
+    """Make SIGTERM end the sweep as Ctrl-C does: workers are stopped, finished trials are kept."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _attempt(work: Work, launcher: Launcher) -> str:
-    """Have workers go through the work; what ended them early, or ""."""
-    try:
-        launcher.launch(work, _hydra)
-    except Exception as error:
-        return f"the sweep ended early ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
-    return ""
-
-
-def _hydra(argv: list[str]) -> int:
-    """Hydra's own command line; its exit code. Its errors are raised, not printed."""
-    before = sys.argv
-    sys.argv = ["nrsfm run", *argv]
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    try:
-        job()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = before
-    return 0

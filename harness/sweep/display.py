@@ -1,4 +1,4 @@
-"""What a sweep looks like while it runs: lines that stay in place in a terminal, a line a trial elsewhere."""
+"""The progress display of a sweep: live lines in a terminal, one line for each finished trial elsewhere."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from datetime import timedelta
+from statistics import fmean
 from types import TracebackType
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, Group
 from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Column
 
 from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import printable
 from nrsfm.harness.record.trial import Trial
-from nrsfm.harness.sweep.remaining import Remaining
 from nrsfm.harness.trial.progress import Step
 
-SECONDS = 0.5  # between two pictures
+SECONDS = 0.5  # between two refreshes
 
 
-NARROW = 100  # columns, below which the bar and the time that has gone are left out
+NARROW = 100  # columns, below which the bar and the elapsed time of the sweep are left out
 
 
 class Display:
     """Shows how far a sweep is.
 
-    In a terminal: a line of counts and times, and below it one for each running trial. Elsewhere nothing but the line
-    that every ended trial gets.
+    In a terminal there is a line with counts and times, and below it a line for each running trial, as many as the
+    terminal has room for. Elsewhere only the line for each finished trial is printed.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Display:
         Those of the sweep, by key.
     console : rich.console.Console
     live : bool
-        Whether lines can stay in place.
+        Whether the console is a terminal, whose lines can be redrawn.
     """
 
     def __init__(self, trials: Mapping[str, Trial], console: Console, live: bool) -> None:
@@ -47,100 +47,91 @@ class Display:
         self._trials = trials
         self._console = console
         self._counts: Counter[str] = Counter()
-        self._steps: dict[str, Step] = {}
-        self._remaining = Remaining({key: str(trial.method["name"]) for key, trial in trials.items()})
-        self._start = time.monotonic()
+        self._left = {key: str(trial.method["name"]) for key, trial in trials.items()}  # methods of unfinished trials
+        self._took: dict[str, list[float]] = {}  # seconds of finished trials, by method
+        self._running: dict[str, TaskID] = {}
+        self._steps = Progress(
+            _text("  [bold]{task.description}", ratio=2),
+            _text("{task.fields[step]}", ratio=3),
+            TimeElapsedColumn(),
+            console=console,
+            expand=True,
+        )
+        wide: list[ProgressColumn] = [BarColumn(30), TimeElapsedColumn()] if console.width >= NARROW else []
+        last = TextColumn("{task.fields[left]}", table_column=Column(justify="right", no_wrap=True))
+        self._head = Progress(_text("{task.description}", ratio=1), *wide, last, console=console, expand=True)
+        self._total = self._head.add_task("", total=max(len(trials), 1), left="")
+        self.picture = Group(self._head, self._steps)
+        self._live = Live(self.picture, console=console, auto_refresh=False)
         self._drawn = 0.0
-        self._live = Live(console=console, auto_refresh=False)
+        self._write_head()
 
     def __enter__(self) -> Display:
         if self.live:
-            self._live.start()
-            self._draw()
+            self._live.start(refresh=True)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         if self.live:
-            self._steps = {}
-            self._draw()
+            self.update({})
+            self._live.refresh()
             self._live.stop()
 
     def ended(self, key: str, outcome: Outcome, *, ran: bool) -> None:
-        """Take in a trial that ran, or was done before; say so if it ran or went wrong."""
+        """Count a finished trial, and print its line if it ran now or failed."""
         self._counts[outcome.status] += 1
-        self._steps.pop(key, None)
+        method = self._left.pop(key)
+        if outcome.seconds is not None:
+            self._took.setdefault(method, []).append(outcome.seconds)
+        if key in self._running:
+            self._steps.remove_task(self._running.pop(key))
         self._drawn = 0.0
-        self._remaining.ended(key, outcome.seconds, time.monotonic(), ran=ran)
+        self._write_head()
         if ran or outcome.status != OK:
             place = f"[{self._counts.total()}/{len(self._trials)}]"
             line = f"{place} {_words(self._trials[key].title, outcome)}"
             self._console.print(printable(line), markup=False, highlight=False, soft_wrap=not self.live)
 
-    def running(self, steps: Mapping[str, Step]) -> None:
-        """Show what is at work now."""
-        now = time.monotonic()
-        self._remaining.running(steps, now)
-        self._steps = {key: step for key, step in steps.items() if key in self._trials}
-        if self.live and now - self._drawn > SECONDS:
-            self._draw()
+    def update(self, steps: Mapping[str, Step]) -> None:
+        """Show these trials, by key, as running."""
+        for key in self._running.keys() - steps.keys():
+            self._steps.remove_task(self._running.pop(key))
+        for key in steps.keys() & self._left.keys():
+            if key not in self._running:
+                self._running[key] = self._steps.add_task(escape(printable(steps[key].title, 200)), total=None, step="")
+            self._steps.update(self._running[key], step=escape(printable(steps[key].words, 200)))
+        self._write_head()
+        if self.live and time.monotonic() - self._drawn > SECONDS:
+            self._drawn = time.monotonic()
+            self._live.refresh()
 
-    def _draw(self) -> None:
-        self._drawn = time.monotonic()
-        self._live.update(self.picture(self._drawn), refresh=True)
+    def _write_head(self) -> None:
+        ended, total, running = self._counts.total(), len(self._trials), len(self._running)
+        failed = ended - self._counts[OK]
+        parts = [f"{ended}/{total} done", *([f"[red]{failed} failed[/]"] if failed else []), f"{running} running"]
+        words = ", ".join([*parts, f"{max(total - ended - running, 0)} left"])
+        self._head.update(self._total, completed=ended, description=words, left=self._time_left())
 
-    def picture(self, now: float) -> RenderableType:
-        """The lines as they are now; none is wider than the terminal, and all of them are within its height."""
-        room = max(self._console.height - 3, 1)
-        steps = list(self._steps.items())
-        shown = steps if len(steps) <= room else steps[: room - 1]
-        lines = [self._line(key, step, now) for key, step in shown]
-        if len(shown) < len(steps):
-            lines.append(_line(f"  and {len(steps) - len(shown)} more"))
-        return Group(self._head(now), *lines)
+    def _time_left(self) -> str:
+        """``about 0:03:20 left``; "over" where no trial of some method has finished; "" while nothing is known.
 
-    def _head(self, now: float) -> RenderableType:
-        ended, total = self._counts.total(), len(self._trials)
-        failed, left = ended - self._counts[OK], total - ended - len(self._steps)
-        text = Text(f"{ended}/{total} done", no_wrap=True, overflow="ellipsis")
-        if failed:
-            text.append(f", {failed} failed", "red")
-        text.append(f", {len(self._steps)} running, {max(left, 0)} left")
-        rest = " "
-        if ended < total and (seconds := self._remaining.seconds(now)) is not None:
-            rest = f"{'about' if self._remaining.sure else 'over'} {_clock(seconds)} left"
-        if self._console.width < NARROW:
-            return _grid(text, Text(rest))
-        bar = ProgressBar(total=max(total, 1), completed=ended, width=30)
-        return _grid(text, bar, Text(_clock(now - self._start)), Text(rest))
-
-    def _line(self, key: str, step: Step, now: float) -> RenderableType:
-        title = Text(f"  {printable(step.title)}", "bold", no_wrap=True, overflow="ellipsis")
-        words = Text(printable(step.words, 200), no_wrap=True, overflow="ellipsis")
-        grid = Table.grid(padding=(0, 1), expand=True)
-        grid.add_column(ratio=2, no_wrap=True)
-        grid.add_column(ratio=3, no_wrap=True)
-        grid.add_column(justify="right", no_wrap=True)
-        grid.add_row(title, words, _clock(self._remaining.since(key, now)))
-        return grid
+        An unfinished trial is expected to take the mean of the finished ones of its method, else the mean of all.
+        """
+        if not (self._left and self._took and self._running):
+            return ""
+        means = {method: fmean(seconds) for method, seconds in self._took.items()}
+        other = fmean(seconds for all_of in self._took.values() for seconds in all_of)
+        elapsed = {task.id: task.elapsed or 0.0 for task in self._steps.tasks}
+        spent = {key: elapsed[task_id] for key, task_id in self._running.items()}
+        rest = [max(means.get(method, other) - spent.get(key, 0.0), 0.0) for key, method in self._left.items()]
+        seconds = max(sum(rest) / len(self._running), *rest)
+        word = "about" if means.keys() >= set(self._left.values()) else "over"
+        return f"{word} {timedelta(seconds=round(seconds))} left"
 
 
-def _grid(first: Text, *others: RenderableType) -> Table:
-    """One line: the first part takes the room that the others leave."""
-    grid = Table.grid(padding=(0, 1), expand=True)
-    grid.add_column(ratio=1, no_wrap=True)
-    for _ in others:
-        grid.add_column(justify="right", no_wrap=True)
-    grid.add_row(first, *others)
-    return grid
-
-
-def _line(text: str) -> Text:
-    return Text(text, no_wrap=True, overflow="ellipsis")
-
-
-def _clock(seconds: float) -> str:
-    """``0:03:20``."""
-    return str(timedelta(seconds=round(max(seconds, 0.0))))
+def _text(format: str, ratio: int) -> TextColumn:
+    """A column of text that is cut at the width that it gets."""
+    return TextColumn(format, table_column=Column(ratio=ratio, no_wrap=True, overflow="ellipsis"))
 
 
 def _words(title: str, outcome: Outcome) -> str:

@@ -1,10 +1,9 @@
-"""Follow a sweep while it runs: its journal feeds the progress line and the tracker."""
+"""Follow a sweep's journal while it runs, and pass each finished trial to the display and to the tracker."""
 
 from __future__ import annotations
 
 import sys
 import threading
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from multiprocessing.connection import Connection
 from types import TracebackType
@@ -22,10 +21,10 @@ from nrsfm.harness.trial.progress import steps
 
 
 class Follower:
-    """Context manager around a sweep: a thread that follows its journal.
+    """Context manager around a sweep, with a thread that reads its journal.
 
-    Workers leave records in trial folders and a line in the journal; this thread shows each as it appears and hands it
-    to the tracker's writer, so workers never load MLflow nor wait for its store.
+    Workers leave records in trial folders and lines in the journal. The thread shows each finished trial and passes it
+    to the tracker's writer, so that workers neither load MLflow nor wait for its store.
 
     Parameters
     ----------
@@ -33,11 +32,11 @@ class Follower:
     trials : mapping of str to Trial
         The trials of the sweep, by key.
     before : collection of str
-        Keys of those that are done before it begins.
+        Keys of those that are done when it begins.
     ready : Connection, optional
-        As of :class:`nrsfm.harness.tracking.writer.Writer`.
+        As :class:`nrsfm.harness.tracking.writer.Writer` takes it.
 
-    ``entries`` holds what ended so far by key.
+    ``entries`` holds the trials that have ended so far, by key.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class Follower:
         self._writer = Writer(settings, ready)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         path = journal(settings.output, settings.sweep)
-        self._offset = path.stat().st_size if path.is_file() else 0  # a sweep of this name may have been before
+        self._offset = path.stat().st_size if path.is_file() else 0  # an earlier sweep may have had this name
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
         self._display = Display(trials, Console(stderr=True), live=sys.stderr.isatty())
@@ -63,7 +62,7 @@ class Follower:
         if len(self._before) < len(self.trials):
             self._writer.start()
         self._display.__enter__()
-        self._found(self._before)
+        self._take_records(self._before)
         self._thread.start()
         return self
 
@@ -72,39 +71,34 @@ class Follower:
         self._thread.join()
         self._display.__exit__(kind, error, tb)
 
-    @property
-    def counts(self) -> Counter[str]:
-        """How many trials ended with each status, done before or now."""
-        return Counter(entry.status for entry in self.entries.values())
-
     def _loop(self) -> None:
         while True:
             last = self._stop.is_set()
             self._drain()
             if self._display.live:
-                self._display.running(dict(steps(self.settings.output, self.settings.sweep)))
+                self._display.update(dict(steps(self.settings.output, self.settings.sweep)))
             self._writer.tend()
             if last:
                 break
             self._stop.wait(0.2)
-        self._found(self.trials.keys() - self.entries.keys())
+        self._take_records(self.trials.keys() - self.entries.keys())
         for key, entry in self.entries.items():
-            if not entry.ran and not self._held(key):
+            if not entry.ran and not self._is_tracked(key):
                 self._writer.put(key)
         self._writer.finish()
 
     @property
     def trouble(self) -> str:
-        """What keeps the tracker from being written, "" for nothing."""
+        """What keeps trials from the tracker, "" for nothing."""
         return self._writer.trouble
 
-    def _held(self, key: str) -> bool:
+    def _is_tracked(self, key: str) -> bool:
         folder = self.settings.trials / key
         outcome = read_record(folder)
         return outcome is not None and self._tracker.holds(outcome, folder)
 
-    def _found(self, keys: Iterable[str]) -> None:
-        """Take in trials of no journal: done before, by a sweep beside this one, or by a worker that was lost."""
+    def _take_records(self, keys: Iterable[str]) -> None:
+        """Enter trials without a line in the journal: done before, by a concurrent sweep, or by a worker that died."""
         for key in keys:
             outcome = read_record(self.settings.trials / key)
             if outcome is not None:

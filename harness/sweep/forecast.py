@@ -1,15 +1,14 @@
-"""What trials are going to take, judged by what earlier ones took."""
+"""Expected time, memory and disk of trials: the median of past trials of the same method and size."""
 
 from __future__ import annotations
 
 import heapq
 import math
 import os
-import shutil
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean, median
+from statistics import median
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.environment import environment
@@ -17,21 +16,12 @@ from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.trial import Trial
 
-FRAMES_POINTS = tuple[int, int]
-
-
-OVERHEAD = 0.05  # seconds of a worker around each trial, measured on trials that return at once
-
-
-FITTED = 3  # sizes that an exponent is taken from
-
-
-STEEPEST = 3.0  # exponent that is believed
+OVERHEAD = 0.05  # seconds that a worker spends around each trial, measured on trials that return at once
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What one trial is expected to take: wall and CPU seconds, MB of memory and of disk, and from which trials."""
+    """Expected wall and CPU seconds, MB of memory and of disk, and the past trials that they are taken from."""
 
     seconds: float
     cpu_seconds: float
@@ -42,13 +32,14 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Past:
-    """A finished trial, and what its files take of the disk."""
+    """A finished trial, and the MB of disk that its files take."""
 
     outcome: Outcome
     disk_mb: float
 
     @property
-    def size(self) -> FRAMES_POINTS:
+    def size(self) -> tuple[int, int]:
+        """Frames and tracks."""
         return self.outcome.n_frames or 0, self.outcome.n_points or 0
 
     @property
@@ -57,25 +48,20 @@ class Past:
 
     @property
     def cpu_seconds(self) -> float:
-        """Of a record that does not tell: as if one core had worked all the time."""
+        """CPU seconds; the wall seconds where the record has none."""
         return self.seconds if self.outcome.cpu_seconds is None else self.outcome.cpu_seconds
-
-    @property
-    def peak_mb(self) -> float:
-        return self.outcome.peak_mb or 0.0
 
 
 class History:
     """The finished trials of an output folder.
 
-    What they take of the disk holds, where the tracker is a SQLite file, the copies of their files that are artifacts
-    beside it, and their share of that file.
+    Where the tracker is a SQLite file, their disk includes the copies that are artifacts, and a share of that file.
 
     Parameters
     ----------
     settings : Settings
     methods : collection of str
-        Names of those that are of interest.
+        Names of the methods to read.
     """
 
     def __init__(self, settings: Settings, methods: Collection[str]) -> None:
@@ -87,103 +73,57 @@ class History:
         for folder in folders:
             outcome = read_record(folder)
             if outcome is not None and outcome.status == OK and outcome.method in methods and outcome.n_points:
-                taken = share + (2 if local else 1) * _taken_mb(folder)
-                self._past.setdefault(outcome.method, []).append(Past(outcome, taken))
+                disk = share + (2 if local else 1) * _disk_mb(folder)
+                self._past.setdefault(outcome.method, []).append(Past(outcome, disk))
 
-    def forecast(self, trial: Trial, size: FRAMES_POINTS) -> Forecast | None:
-        """What a trial of (frames, points) is going to take; None if none of its method was before.
+    def forecast(self, trial: Trial, size: tuple[int, int]) -> Forecast | None:
+        """Median of the past trials of this method and size, frames and tracks; None where there is none.
 
-        Trials of the same size, frames and points, say it by their median. Otherwise the nearest size does, scaled by
-        a power of frames x points: the slope of a line through all sizes in double logarithms where there are three,
-        else 1. Memory and disk go by the largest trial instead of the median.
+        Trials with the same source of cameras are preferred. Memory and disk are those of the largest trial.
         """
-        past = self._past.get(str(trial.method["name"]), [])
-        cameras = str(trial.cameras["source"])
-        past = [p for p in past if p.outcome.cameras == cameras] or past
+        past = [past for past in self._comparable(trial) if past.size == size]
         if not past:
             return None
+        processor = environment()["processor"]
+        elsewhere = sum(p.outcome.environment.get("processor") != processor for p in past)
+        place = f", {'' if elsewhere == len(past) else 'some '}on another processor" if elsewhere else ""
         return Forecast(
-            seconds=_scaled(past, size, lambda p: p.seconds, median),
-            cpu_seconds=_scaled(past, size, lambda p: p.cpu_seconds, median),
-            peak_mb=_scaled(past, size, lambda p: p.peak_mb, max),
-            disk_mb=_scaled(past, size, lambda p: p.disk_mb, max),
-            basis=_basis(past, size),
+            seconds=median(p.seconds for p in past),
+            cpu_seconds=median(p.cpu_seconds for p in past),
+            peak_mb=max(p.outcome.peak_mb or 0.0 for p in past),
+            disk_mb=max(p.disk_mb for p in past),
+            basis=f"{len(past)} trial{'' if len(past) == 1 else 's'} of this size{place}",
         )
 
+    def unknown(self, trial: Trial, size: tuple[int, int]) -> str:
+        """Why there is no forecast, with the seconds of the nearest size, unscaled, where there is one."""
+        past = self._comparable(trial)
+        if not past:
+            return "no past trial of this method"
+        ratios = {p.size: math.prod(p.size) / math.prod(size) for p in past}
+        frames, tracks = min(ratios, key=lambda other: abs(math.log(ratios[other])))
+        seconds = median(p.seconds for p in past if p.size == (frames, tracks))
+        return f"no past trial of this size; {tracks} tracks, {frames} frames took {time_words(seconds)}"
 
-def _scaled(
-    past: Sequence[Past], size: FRAMES_POINTS, of: Callable[[Past], float], middle: Callable[[Iterable[float]], float]
-) -> float:
-    groups: dict[FRAMES_POINTS, list[float]] = {}
-    for p in past:
-        groups.setdefault(p.size, []).append(of(p))
-    known = {held: middle(values) for held, values in groups.items()}
-    if size in known:
-        return known[size]
-    return scaled({math.prod(held): value for held, value in known.items()}, math.prod(size))
-
-
-def scaled(known: Mapping[int, float], size: int) -> float:
-    """The value at a size from those at others: the nearest's, times a power of the ratio of the sizes."""
-    nearest = min(known, key=lambda held: abs(math.log(held / size)))
-    points = [(math.log(held), math.log(value)) for held, value in known.items() if value > 0]
-    slope = _slope(points) if len(points) >= FITTED else 1.0
-    return known[nearest] * (size / nearest) ** slope
-
-
-def _slope(points: Sequence[tuple[float, float]]) -> float:
-    """Of the least-squares line, between none and the steepest that is believed."""
-    x0, y0 = (fmean(values) for values in zip(*points, strict=True))
-    slope = sum((x - x0) * (y - y0) for x, y in points) / sum((x - x0) ** 2 for x, _ in points)
-    return min(max(slope, 0.0), STEEPEST)
-
-
-def _basis(past: Sequence[Past], size: FRAMES_POINTS) -> str:
-    """``12 trials, 116 to 132 tracks``: what a forecast rests on."""
-    same = [p for p in past if p.size == size]
-    used = same or past
-    words = f"{len(used)} trial{'' if len(used) == 1 else 's'}"
-    if same:
-        words += " of this size"
-    else:
-        frames, points = ((min(v), max(v)) for v in zip(*(p.size for p in used), strict=True))
-        words += f", {_span(points)} tracks, {_span(frames)} frames"
-    elsewhere = sum(p.outcome.environment.get("processor") != environment()["processor"] for p in used)
-    return words + (f", {'' if elsewhere == len(used) else 'some '}on another processor" if elsewhere else "")
-
-
-def _span(ends: tuple[int, int]) -> str:
-    low, high = ends
-    return f"{low}" if low == high else f"{low} to {high}"
+    def _comparable(self, trial: Trial) -> list[Past]:
+        """Past trials of the method, with the same source of cameras where there are such."""
+        past = self._past.get(str(trial.method["name"]), [])
+        cameras = str(trial.cameras["source"])
+        return [p for p in past if p.outcome.cameras == cameras] or past
 
 
 def side_by_side(seconds: Iterable[float], workers: int) -> float:
-    """Wall seconds of trials by workers that each take the next one, in this order."""
+    """Wall seconds of trials run in this order by workers that each take the next one."""
     free = [0.0] * workers
     for length in seconds:
         heapq.heapreplace(free, free[0] + length)
     return max(free)
 
 
-def free_mb(place: Path) -> float:
-    """MB that are free where a folder stands or is going to stand."""
-    while not place.exists():
-        place = place.parent
-    return shutil.disk_usage(place).free / 2**20
-
-
-def memory_mb() -> float | None:
-    """MB of this machine; None where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
-    except (ValueError, OSError):
-        return None
-
-
-def _taken_mb(folder: Path) -> float:
-    """What a trial's files take of the disk, in whole blocks."""
+def _disk_mb(folder: Path) -> float:
+    """MB of disk that a trial's files take, in whole blocks."""
     with os.scandir(folder) as files:
-        return sum(file.stat().st_blocks * 512 for file in files if file.is_file(follow_symlinks=False)) / 2**20
+        return sum((file.stat().st_blocks * 512 for file in files if file.is_file(follow_symlinks=False)), 0) / 2**20
 
 
 def time_words(seconds: float) -> str:

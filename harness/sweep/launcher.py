@@ -1,10 +1,10 @@
-"""Workers for a sweep: threads of this process, or jobs of the Hydra launcher that was asked for."""
+"""Start the workers of a sweep: threads of this process, or jobs of a Hydra launcher."""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -19,20 +19,21 @@ from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import launching
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.sweep.application import call_hydra
 from nrsfm.harness.sweep.work import Work, go_through
 
 BASIC, SLURM, RAY = "basic", "submitit_slurm", "ray"
 
 
-RAY_STORE = 75 << 20  # bytes: no result passes through it, trials write their own
+RAY_STORE = 75 << 20  # bytes; small, because no result passes through Ray's store
 
 
 class Launcher:
     """Starts the workers of a sweep.
 
-    With ``basic``, Hydra's default, they are threads of this process: the trials are processes of their own anyway.
-    With any other launcher every worker is one Hydra job: ``joblib``, ``submitit_local`` and ``ray`` start processes,
-    ``submitit_slurm`` the jobs of an array.
+    With ``basic``, Hydra's default, they are threads of this process, since every trial is a process anyway. With any
+    other launcher every worker is one Hydra job: ``joblib``, ``submitit_local`` and ``ray`` start processes,
+    ``submitit_slurm`` the tasks of a job array.
 
     Parameters
     ----------
@@ -48,44 +49,44 @@ class Launcher:
 
     def __init__(self, overrides: Sequence[str], settings: Settings) -> None:
         self._settings = settings
-        self._own = launching(overrides)
+        self._overrides = launching(overrides)
         with configurations():
-            hydra = compose("config", overrides=self._own, return_hydra_config=True).hydra
+            hydra = compose("config", overrides=self._overrides, return_hydra_config=True).hydra
         if hydra.callbacks:
-            raise UsageError("hydra.callbacks would run whatever a configuration names; take them out")
+            raise UsageError("hydra.callbacks would run any code that a configuration names; remove them")
         self._name: str = hydra.runtime.choices["hydra/launcher"]
         if self._name == SLURM and settings.workers is None:
-            raise UsageError("say how many Slurm jobs are to share the trials: workers=20")
-        n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own word
+            raise UsageError("set how many Slurm jobs share the trials, as in workers=20")
+        n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own setting
         self._config: DictConfig = hydra.launcher
         self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
     @property
     def local(self) -> bool:
-        """Whether the workers are of this machine."""
+        """Whether the workers run on this machine."""
         return self._name in (BASIC, "joblib", "submitit_local")
 
     def workers(self, n_jobs: int) -> int:
-        """How many workers share so many jobs."""
+        """Number of workers for a number of jobs."""
         return min(n_jobs, self._most)
 
-    def launch(self, work: Work, hydra: Callable[[list[str]], object]) -> None:
-        """Have workers go through the work, with ``hydra`` given the command line that starts them elsewhere."""
+    def launch(self, work: Work) -> None:
+        """Have workers go through the work; returns when they have ended, raises what one of them raised."""
         n_workers = self.workers(len(work.jobs))
         if self._name == BASIC:
             _threads(work, n_workers)
             return
-        own = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
+        n_jobs = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
-        with _to_itself(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _untold():
+        with _blocked(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _without_login():
             if self._name == RAY:
                 _start_ray(OmegaConf.to_container(self._config.ray.init, resolve=True))
-            hydra(["--multirun", *self._own, *own, "hydra.sweeper.params=null", *place, *task])
+            call_hydra(["--multirun", *self._overrides, *n_jobs, "hydra.sweeper.params=null", *place, *task])
 
 
 def _threads(work: Work, n_workers: int) -> None:
-    """Workers as threads; an interrupt of this one ends them all, an error of one is raised when all are through."""
+    """Run workers as threads; an interrupt stops them all, an error of one is raised when all have ended."""
     with ThreadPoolExecutor(n_workers) as pool:
         workers = [pool.submit(go_through, work) for _ in range(n_workers)]
         try:
@@ -98,21 +99,21 @@ def _threads(work: Work, n_workers: int) -> None:
 
 
 def _start_ray(config: Any) -> None:
-    """Start Ray, or join its cluster, before its launcher does, and take SIGTERM back from it: Ray would abort."""
+    """Start Ray or join its cluster before the launcher does, and restore SIGTERM's handler, which Ray replaces."""
     import ray
 
     if not ray.is_initialized():
         handler = signal.getsignal(signal.SIGTERM)
         try:
-            # a cluster that is there has its store, and Ray refuses to be told the size
+            # an existing cluster has its store, and Ray refuses a size for it
             ray.init(**({} if config.get("address") else {"object_store_memory": RAY_STORE}) | config)
         finally:
             signal.signal(signal.SIGTERM, handler)
 
 
 @contextmanager
-def _to_itself(sign: signal.Signals) -> Iterator[None]:
-    """Keep a signal from processes that are started meanwhile; another thread of this one still takes it."""
+def _blocked(sign: signal.Signals) -> Iterator[None]:
+    """Keep a signal from processes started meanwhile; another thread of this process still receives it."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {sign})
     try:
         yield
@@ -121,8 +122,8 @@ def _to_itself(sign: signal.Signals) -> Iterator[None]:
 
 
 @contextmanager
-def _untold() -> Iterator[None]:
-    """Keep the tracker's login from the environment of workers, which a scheduler writes down: they never need it."""
+def _without_login() -> Iterator[None]:
+    """Hide the tracker's login from the workers' environment: schedulers store it, and workers do not need it."""
     kept = {name: os.environ.pop(name) for name in SECRETS if name in os.environ}
     try:
         yield
@@ -131,6 +132,6 @@ def _untold() -> Iterator[None]:
 
 
 def _quoted(path: Path) -> str:
-    """A path as Hydra's override grammar takes it, whatever its characters."""
+    """A path quoted for Hydra's override grammar."""
     text = str(path).replace("\\", "\\\\").replace("'", "\\'")
     return f"'{text}'"

@@ -1,4 +1,4 @@
-"""What a run would do: every trial's state, what it is going to take, and what may come in the way."""
+"""The plan of a run: the state of every trial, expected time, memory and disk, and warnings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+
+import psutil
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.registry import load_scene
@@ -16,18 +19,17 @@ from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.trial import Trial, digest
-from nrsfm.harness.sweep.forecast import OVERHEAD, Forecast, History, free_mb, memory_mb, side_by_side, size_words
+from nrsfm.harness.sweep.forecast import OVERHEAD, Forecast, History, side_by_side, size_words
 from nrsfm.harness.sweep.launcher import Launcher
-from nrsfm.harness.trial.execute import identify, repeats
+from nrsfm.harness.trial.execute import repeats
+from nrsfm.harness.trial.identity import identify
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.registry import build_method
-
-UNKNOWN = "no past trial of this method"
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A trial of an experiment and what is known of it.
+    """A trial of the plan.
 
     Parameters
     ----------
@@ -36,13 +38,15 @@ class Planned:
     outcome : Outcome or None
         Its record.
     runs : bool
-        Whether a run would carry it out.
+        Whether ``nrsfm run`` would run it.
     reason : str
-        Why it cannot, "" when it can or need not.
+        Why it cannot run, "" when it can or is done.
     forecast : Forecast or None
-        What it is going to take; None where that is not known.
+        Expected time, memory and disk; None where past trials do not tell.
+    unknown : str
+        Why there is no forecast, "" when there is one.
     foreseen_mb : float or None
-        The memory that its method says it is going to take.
+        The memory that its method foresees.
     """
 
     trial: Trial
@@ -51,6 +55,7 @@ class Planned:
     runs: bool
     reason: str = ""
     forecast: Forecast | None = None
+    unknown: str = ""
     foreseen_mb: float | None = None
 
     @property
@@ -64,26 +69,26 @@ class Planned:
 
     @property
     def memory_mb(self) -> float | None:
-        """What its method foresees, else what past trials took."""
+        """Memory that the method foresees, else that of past trials."""
         return self.foreseen_mb or (self.forecast.peak_mb if self.forecast else None)
 
     @property
     def words(self) -> str:
-        """Where its numbers are from, or what is in the way."""
+        """Origin of the forecast, or why the trial cannot run or failed."""
         if self.reason or (self.outcome is not None and not self.runs):
             return self.reason or (self.outcome.error if self.outcome else "")
-        return f"from {self.forecast.basis}" if self.forecast else UNKNOWN
+        return f"from {self.forecast.basis}" if self.forecast else self.unknown
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The trials of a run, and the workers that would carry them out."""
+    """The trials of a run, and the number of workers that would run them."""
 
     trials: Sequence[Planned]
     settings: Settings
     workers: int
     here: bool
-    """Whether the workers are processes of this machine."""
+    """Whether the workers run on this machine."""
     free_mb: float
 
     @cached_property
@@ -92,11 +97,12 @@ class Plan:
 
     @cached_property
     def known(self) -> list[Forecast]:
-        """What is expected of those that can run, as far as it is known."""
+        """The forecasts of the trials that can run."""
         return [item.forecast for item in self.to_run if item.forecast and not item.reason]
 
     @property
     def unknown(self) -> int:
+        """Number of trials that can run and have no forecast."""
         return sum(not (item.forecast or item.reason) for item in self.to_run)
 
     @property
@@ -109,7 +115,7 @@ class Plan:
 
     @property
     def wall_seconds(self) -> float:
-        """By the workers side by side, but never less than this machine's cores need."""
+        """Wall seconds of all workers side by side, at least what the CPU time needs on this machine's cores."""
         wall = side_by_side((f.seconds + OVERHEAD for f in self.known), self.workers)
         return max(wall, self.cpu_seconds / cores()) if self.here else wall
 
@@ -119,17 +125,17 @@ class Plan:
 
     @property
     def memory_mb(self) -> float:
-        """Of the largest trial."""
+        """Memory of the largest trial."""
         return max((item.memory_mb or 0.0 for item in self.to_run if not item.reason), default=0.0)
 
     @property
     def fits(self) -> bool:
-        """Whether the disk is large enough."""
+        """Whether the free disk is large enough."""
         return self.disk_mb < self.free_mb
 
     @property
     def warnings(self) -> Iterator[str]:
-        """What may come in the way of the run, a line each with the remedy."""
+        """What may prevent the run from completing, one line each with the remedy."""
         settings = self.settings
         if not self.fits:
             yield (
@@ -137,11 +143,11 @@ class Plan:
                 "needed; make room, or set NRSFM_OUTPUT to a larger disk"
             )
         largest = sorted((item.memory_mb or 0.0 for item in self.to_run if not item.reason), reverse=True)
-        together, there = sum(largest[: self.workers]), memory_mb()
-        if self.here and there is not None and together > there:
+        together, machine = sum(largest[: self.workers]), machine_mb()
+        if self.here and together > machine:
             yield (
                 f"{self.workers} trials side by side may take {size_words(together)} and this machine has "
-                f"{size_words(there)}; lower workers"
+                f"{size_words(machine)}; lower workers"
             )
         if long := sum(f.seconds > settings.seconds for f in self.known):
             yield f"{long} trials are expected to take longer than limits.seconds = {settings.seconds:g}; raise it"
@@ -155,7 +161,7 @@ class Plan:
 
 
 def plan(overrides: Sequence[str]) -> Plan:
-    """Every trial of the overrides with what is known of it.
+    """Plan the run of the overrides.
 
     Raises
     ------
@@ -167,22 +173,19 @@ def plan(overrides: Sequence[str]) -> Plan:
     launcher = Launcher(overrides, settings)
     history = History(settings, {str(trial.method["name"]) for trial, _ in trials})
     sizes: dict[str, Size | str] = {}
-    planned: dict[str, Planned] = {}
-    for trial, own in trials:
-        key, reason = identify(trial, own)
-        if key not in planned:
-            outcome = read_record(own.trials / key)
-            runs = outcome is None or repeats(outcome, trial, own.rerun)
-            planned[key] = Planned(trial, key, outcome, runs, str(reason or "") if runs else "")
-            if runs and not reason:
-                planned[key] = _foreseen(planned[key], own, sizes, history)
-    to_run = sum(item.runs for item in planned.values())
-    workers = launcher.workers(max(to_run, 1))
-    return Plan(list(planned.values()), settings, workers, launcher.local, free_mb(settings.output))
+    planned: list[Planned] = []
+    for trial, own_settings in trials:
+        identity = identify(trial, own_settings)
+        outcome = read_record(own_settings.trials / identity.key)
+        runs = outcome is None or repeats(outcome, trial, own_settings.rerun)
+        item = Planned(trial, identity.key, outcome, runs, identity.reason if runs else "")
+        planned.append(_forecast(item, own_settings, sizes, history) if runs and not item.reason else item)
+    n_workers = launcher.workers(max(sum(item.runs for item in planned), 1))
+    return Plan(planned, settings, n_workers, launcher.local, free_mb(settings.output))
 
 
-def _foreseen(item: Planned, settings: Settings, sizes: dict[str, Size | str], history: History) -> Planned:
-    """With what the trial is going to take, or why it cannot run; each scene is made once for that."""
+def _forecast(item: Planned, settings: Settings, sizes: dict[str, Size | str], history: History) -> Planned:
+    """The trial with its forecast, or the reason why it cannot run; ``sizes`` keeps the sizes of scenes made before."""
     trial, scene = item.trial, digest(item.trial.dataset)
     if scene not in sizes:
         try:
@@ -197,5 +200,20 @@ def _foreseen(item: Planned, settings: Settings, sizes: dict[str, Size | str], h
         need, why = foreseen_gb(method, size), refusal(method, size, settings.memory_gb)
     except MethodError as error:
         return replace(item, reason=str(error))
-    forecast = history.forecast(trial, (size.n_frames, size.n_points))
-    return replace(item, reason=why, forecast=forecast, foreseen_mb=None if need is None else 1024 * need)
+    past = (size.n_frames, size.n_points)
+    forecast = history.forecast(trial, past)
+    unknown = "" if forecast else history.unknown(trial, past)
+    foreseen_mb = None if need is None else 1024 * need
+    return replace(item, reason=why, forecast=forecast, unknown=unknown, foreseen_mb=foreseen_mb)
+
+
+def free_mb(place: Path) -> float:
+    """MB of free disk where a folder is, or will be made."""
+    while not place.exists():
+        place = place.parent
+    return float(psutil.disk_usage(str(place)).free) / 2**20
+
+
+def machine_mb() -> float:
+    """MB of memory of this machine."""
+    return float(psutil.virtual_memory().total) / 2**20

@@ -1,8 +1,8 @@
-"""What the workers of a sweep share: the trials to run, when to stop, and how a worker gets through them.
+"""The work of a sweep: the jobs that its workers share, when they stop, and how one worker goes through them.
 
-A sweep is composed once, by the process that was asked for it, and written into its folder. Whatever launcher starts
-the workers, each takes the next trial that nobody has, so a slow trial, a lost worker or a second sweep on the same
-output folder holds up nobody.
+The process that was started composes a sweep once and writes it into the sweep's folder. Workers, whatever launcher
+starts them, each take the next trial that no other process runs. So neither a slow trial, nor a lost worker, nor a
+second sweep on the same output folder blocks the others.
 """
 
 from __future__ import annotations
@@ -17,29 +17,44 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.folder import write_text
-from nrsfm.harness.record.outcome import OOM
+from nrsfm.harness.record.folder import read_record, write_text
+from nrsfm.harness.record.outcome import OOM, Outcome
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
-from nrsfm.harness.trial.execute import Busy, execute
+from nrsfm.harness.trial.execute import Busy, execute, repeats
+from nrsfm.harness.trial.identity import Identity
 from nrsfm.harness.trial.isolation import Stopped
 from nrsfm.harness.trial.journal import Entry, note
 
-KILLED = ("killed by SIGKILL", "the process was killed, or lost")  # from outside: the kernel when memory is short
+KILLED = ("killed by SIGKILL", "the process was killed, or lost")  # from outside, as the kernel does without memory
 
 
 @dataclass(frozen=True)
 class Job:
-    """A trial of a sweep, with the settings that it runs under.
+    """A trial of a sweep, its settings and its identity.
 
-    ``old`` is when the record that the sweep found was finished, "" where there was none: any other was made since.
+    ``old`` is when the record that the sweep found was finished, "" where there was none; any other record is new.
     """
 
     trial: Trial
     settings: Settings
+    identity: Identity
     old: str = ""
+
+    @property
+    def record(self) -> Outcome | None:
+        """The trial's record as it is now."""
+        return read_record(self.settings.trials / self.identity.key)
+
+    @property
+    def due(self) -> bool:
+        """Whether the trial still has to run in this sweep."""
+        record = self.record
+        return record is None or repeats(record, self.trial, self.settings.rerun, self.old)
 
 
 @dataclass(frozen=True)
@@ -49,12 +64,12 @@ class Work:
     Parameters
     ----------
     path : Path
-        Its file; beside it, ``.stop`` tells the workers to end.
+        Its file; a file of the same name with the suffix ``.stop`` tells the workers to end.
     jobs : sequence of Job
     until : float
-        Seconds since 1970 after which no trial goes on.
+        End of the sweep, in seconds since 1970; trials that still run then are stopped.
     home : str
-        The process that asked for it: workers of the same machine end with it.
+        Host and id of the sweep's own process; workers on the same host end when it does.
     """
 
     path: Path
@@ -64,21 +79,23 @@ class Work:
 
     @classmethod
     def begin(cls, path: Path, jobs: Sequence[Job], until: float) -> Work:
-        """Write down what the workers of this process are to do."""
-        work = cls(path, jobs, until, _home(os.getpid()))
-        rows = [{"trial": asdict(job.trial), "settings": _plain(job.settings), "old": job.old} for job in jobs]
-        head = {"until": until, "home": work.home}
-        write_text(path, json.dumps(head | {"jobs": rows}))
+        """Write the file from which the workers of this process read their jobs."""
+        work = cls(path, jobs, until, f"{_host()} {os.getpid()}")
+        rows = [asdict(job) | {"settings": _plain(job.settings)} for job in jobs]
+        write_text(path, json.dumps({"until": until, "home": work.home, "jobs": rows}))
         return work
 
     @classmethod
     def read(cls, path: Path) -> Work:
-        """The work that :meth:`begin` wrote; raises UsageError if the file is none."""
+        """Read the file that :meth:`begin` wrote; raises UsageError if it is not one."""
         try:
             data = json.loads(path.read_text())
-            jobs = [Job(Trial(**row["trial"]), _settings(row["settings"]), row["old"]) for row in data.pop("jobs")]
+            jobs = [
+                Job(Trial(**row["trial"]), _settings(row["settings"]), Identity(**row["identity"]), row["old"])
+                for row in data.pop("jobs")
+            ]
             work = cls(path, jobs, **data)
-            _, pid, _ = work.home.split(" ")
+            _, pid = work.home.split(" ")
             fits = isinstance(work.until, int | float) and int(pid) > 0
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise UsageError(f"{path} is no list of trials ({one_line(error)}); start the sweep again") from None
@@ -87,11 +104,11 @@ class Work:
         return work
 
     def end(self) -> None:
-        """Tell every worker to stop, wherever it runs."""
+        """Make every worker stop, on whatever machine it runs."""
         self._mark.touch()
 
     def clear(self) -> None:
-        """Remove the files, once no worker is left."""
+        """Remove the files, when no worker is left."""
         self.path.unlink(missing_ok=True)
         self._mark.unlink(missing_ok=True)
 
@@ -106,9 +123,9 @@ class Work:
 
 
 def go_through(work: Work) -> None:
-    """Run, one after the other, every job that is not done and that no other worker has.
+    """Run, one after the other, the jobs that are not done and that no other worker runs.
 
-    Trials that another worker has, and those worth another try, are seen to at the end.
+    Trials that another worker runs, and killed ones that may be tried again, come last.
     """
     _end_with(work.home)
 
@@ -125,7 +142,9 @@ def go_through(work: Work) -> None:
             job = work.jobs[i]
             trial, settings = job.trial, job.settings
             try:
-                outcome, ran = execute(trial, settings, old=job.old, again=i in tries, stopped=stopped, wait=wait)
+                outcome, ran = execute(
+                    trial, settings, job.identity, old=job.old, again=i in tries, stopped=stopped, wait=wait
+                )
             except Busy:
                 later.append((i, True))
                 continue
@@ -141,45 +160,32 @@ def go_through(work: Work) -> None:
         turn = later
 
 
-def _home(pid: int) -> str:
-    """Names a living process of this machine, or of this job of a cluster: host, id, and when it started."""
-    host = f"{socket.gethostname()}:{os.environ.get('SLURM_JOB_ID', '')}"
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        alive, started = fields[0] != "Z", fields[19]
-    except OSError:
-        alive, started = not Path("/proc/self").exists() and _there(pid), ""
-    return f"{host} {pid} {started}" if alive else ""
+def _host() -> str:
+    """This machine, or this job of a cluster on it."""
+    return f"{socket.gethostname()}:{os.environ.get('SLURM_JOB_ID', '')}"
 
 
 def _end_with(home: str) -> None:
-    """End this process when the one that asked for the work is gone; nothing to do where that is another machine."""
-    host, pid, _ = home.split(" ")
-    own = _home(os.getpid())
-    if home == own or host != own.split(" ")[0]:
+    """End this process when the sweep's own process is gone, if that runs on the same host."""
+    host, pid = home.split(" ")
+    if int(pid) == os.getpid() or host != _host():
         return
 
     def watch() -> None:
-        while _home(int(pid)) == home:
-            time.sleep(0.5)
+        try:
+            process = psutil.Process(int(pid))
+            while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+                time.sleep(0.5)
+        except psutil.NoSuchProcess:
+            pass
         os._exit(1)
 
     if not any(thread.name == home for thread in threading.enumerate()):
         threading.Thread(target=watch, name=home, daemon=True).start()
 
 
-def _there(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
-
-
 def _plain(settings: Settings) -> dict[str, Any]:
-    """Settings as JSON has them; the tracker, whose address may hold a password, is no concern of the workers."""
+    """Settings as JSON holds them, without the tracker's address: it may hold a password, and workers need none."""
     return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(settings).items() if k != "tracking_uri"}
 
 

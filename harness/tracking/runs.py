@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.tracked import Answer, Tracked
-from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.tracking.tracker import Tracker
-from nrsfm.harness.trial.execute import identify
+from nrsfm.harness.trial.identity import identify
 
 
 class Runs:
@@ -71,13 +70,4 @@ def answers(overrides: Sequence[str], runs: Runs | None = None) -> tuple[list[An
     trials = expand(overrides)
     settings = trials[0][1]
     runs = runs or Runs.of_tracker(settings)
-    return [(trial, runs.find(identify(trial, own)[0], trial.setting)) for trial, own in trials], settings, runs
-
-
-def recorded(trials: Iterable[tuple[Trial, Settings]]) -> list[Answer]:
-    """Each trial with the record in its own folder, or None; asks no tracker."""
-    found: list[Answer] = []
-    for trial, settings in trials:
-        outcome = read_record(settings.trials / identify(trial, settings)[0])
-        found.append((trial, None if outcome is None else Tracked(outcome, "", "")))
-    return found
+    return [(trial, runs.find(identify(trial, own).key, trial.setting)) for trial, own in trials], settings, runs

@@ -1,3 +1,5 @@
+"""Run one trial: skip it if it is done, lock its folder, isolate it, and make sure that it leaves a record."""
+
 from __future__ import annotations
 
 import json
@@ -9,120 +11,114 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from nrsfm.datasets import registry as datasets
-from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.environment import COMPUTES, environment
 from nrsfm.harness.record.outcome import ABSENT, FAILED, OK, Outcome
 from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.trial.identity import Identity, identify
 from nrsfm.harness.trial.isolation import Stopped, run_isolated
 from nrsfm.harness.trial.packages import packages_of
 from nrsfm.harness.trial.progress import forget, place
-from nrsfm.methods.base import MethodError
-from nrsfm.methods.registry import build_method, version
-
-
-def identify(trial: Trial, settings: Settings) -> tuple[str, DatasetError | MethodError | None]:
-    """The trial's key, and why it cannot run (None when it can)."""
-    key, reason, _ = _identity(trial, settings)
-    return key, reason
-
-
-def _identity(trial: Trial, settings: Settings) -> tuple[str, DatasetError | MethodError | None, str]:
-    """:func:`identify`, and the digest of the data, "" where they cannot be had."""
-    try:
-        data = datasets.digest(trial.dataset, settings.data, settings.missing == "stand_in")
-        method = build_method({k: v for k, v in trial.method.items() if k != "name"})
-    except (DatasetError, MethodError) as error:
-        return trial.key("unavailable", str(error)), error, ""
-    return trial.key(data, version(method)), None, data
 
 
 class Busy(Exception):
-    """Somebody else is at work on the trial."""
+    """Another process runs the trial at this moment."""
 
 
 def execute(
     trial: Trial,
     settings: Settings,
+    identity: Identity | None = None,
     *,
     old: str | None = None,
     again: bool = False,
     stopped: Callable[[], bool] = lambda: False,
     wait: bool = True,
 ) -> tuple[Outcome, bool]:
-    """Run a trial unless it is done, and return its record and whether it ran.
+    """Run a trial unless it is done; returns its record and whether it ran.
 
-    Two processes that meet at one trial wait for each other, and the second finds it done.
+    If two processes meet at one trial, the second waits for the first and then finds the trial done.
 
     Parameters
     ----------
     trial : Trial
     settings : Settings
+    identity : Identity, optional
+        As :func:`identify` gives it, which is called where none is passed. If the data change afterwards, the trial
+        fails instead of being recorded under the wrong key.
     old : str, optional
-        When the record that the sweep found was finished, "" if there was none: any other record is new, whatever
-        ``settings.rerun`` says. Told by what it says and not by its age, for clocks of machines differ.
+        When the record that the sweep found at its start was finished, "" if there was none. A record with any other
+        time is new and is not repeated, whatever ``settings.rerun`` says. Times are only compared for equality,
+        because clocks differ between machines.
     again : bool
-        Run it whatever record it has.
+        Run the trial whatever record it has.
     stopped : callable
-        Asked now and then; once true, the trial ends and leaves no record.
+        Called several times a second; when it returns true the trial is killed and leaves no record.
     wait : bool
-        For somebody else at work on the trial.
+        Wait for another process that runs the trial.
 
     Raises
     ------
     Busy
-        If somebody else is at work on the trial and ``wait`` is false.
+        If another process runs the trial and ``wait`` is false.
     nrsfm.harness.trial.isolation.Stopped
-        If it was to end before it was done.
+        If ``stopped`` ended the trial.
     OSError
         If its files cannot be written.
     """
-    key, reason, data = _identity(trial, settings)
-    folder = settings.trials / key
-    before = storage.read_record(folder)
-    if before is not None and not (again or repeats(before, trial, settings.rerun, old)):
-        return before, False
+    identity = identity or identify(trial, settings)
+    folder = settings.trials / identity.key
+
+    def finished() -> Outcome | None:
+        record = storage.read_record(folder)
+        return None if record is None or again or repeats(record, trial, settings.rerun, old) else record
+
+    if record := finished():
+        return record, False
     folder.mkdir(parents=True, exist_ok=True)
-    with _own(folder / ".lock", stopped, wait):
-        before = storage.read_record(folder)
-        if before is not None and not (again or repeats(before, trial, settings.rerun, old)):
-            return before, False
+    with _locked(folder / ".lock", stopped, wait):
+        if record := finished():
+            return record, False
         (folder / storage.TRACEBACK).unlink(missing_ok=True)
-        start = time.monotonic()
-        blank = _blank(trial, key, data, settings)
-        if reason:
-            status = ABSENT if isinstance(reason, MissingData) else FAILED
-            storage.write_record(folder, replace(blank, status=status, error=str(reason)))
-        else:
-            stand_in = settings.missing == "stand_in"
-            running = place(settings.output, settings.sweep, key)
-            try:
-                ended = run_isolated(
-                    "nrsfm.harness.trial.worker:work",
-                    (trial, blank, settings.data, stand_in, folder, settings.memory_gb, running),
-                    seconds=settings.seconds,
-                    memory_gb=settings.memory_gb,
-                    threads=settings.threads,
-                    log=folder / storage.LOG,
-                    stopped=stopped,
-                )
-            finally:
-                forget(running)
-            if ended.status != OK:
-                storage.check_space(folder)
-                seconds = round(time.monotonic() - start, 4)
-                storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))
+        _run(trial, settings, identity, folder, stopped)
         outcome = storage.read_record(folder)
         assert outcome is not None
         if outcome.status != OK:
-            (folder / storage.ARRAYS).unlink(missing_ok=True)  # of an earlier run
+            (folder / storage.ARRAYS).unlink(missing_ok=True)  # from an earlier run
         return outcome, True
 
 
+def _run(trial: Trial, settings: Settings, identity: Identity, folder: Path, stopped: Callable[[], bool]) -> None:
+    """Run the trial in its own process; write its record here if that process could not."""
+    start = time.monotonic()
+    blank = _blank(trial, settings, identity)
+    if identity.reason:
+        status = ABSENT if identity.absent else FAILED
+        storage.write_record(folder, replace(blank, status=status, error=identity.reason))
+        return
+    step = place(settings.output, settings.sweep, identity.key)
+    stand_in = settings.missing == "stand_in"
+    try:
+        ended = run_isolated(
+            "nrsfm.harness.trial.worker:work",
+            (trial, blank, settings.data, stand_in, folder, settings.memory_gb, step),
+            seconds=settings.seconds,
+            memory_gb=settings.memory_gb,
+            threads=settings.threads,
+            log=folder / storage.LOG,
+            stopped=stopped,
+        )
+    finally:
+        forget(step)
+    if ended.status != OK:
+        storage.check_space(folder)
+        seconds = round(time.monotonic() - start, 4)
+        storage.write_record(folder, replace(blank, status=ended.status, error=ended.detail, seconds=seconds))
+
+
 @contextmanager
-def _own(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
+def _locked(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
     """Hold a trial's lock; raises Busy or Stopped."""
     lock = FileLock(path)
     while True:
@@ -140,22 +136,22 @@ def _own(path: Path, stopped: Callable[[], bool], wait: bool) -> Iterator[None]:
         lock.release()
 
 
-def repeats(before: Outcome, trial: Trial, rerun: str, old: str | None = None) -> bool:
-    """Whether a trial with this record is to run again: never if the record is another than the ``old`` one."""
-    if old is not None and before.finished != old:
+def repeats(record: Outcome, trial: Trial, rerun: str, old: str | None = None) -> bool:
+    """Whether a trial with this record is to run again; never if the record is newer than the ``old`` one."""
+    if old is not None and record.finished != old:
         return False
     if rerun == "stale":
-        here = {**environment(), "packages": packages_of(trial)}
-        return any(before.environment.get(name, "") != here[name] for name in COMPUTES)
-    return rerun == "all" or (rerun == "failed" and before.status != OK)
+        current = {**environment(), "packages": packages_of(trial)}
+        return any(record.environment.get(name, "") != current[name] for name in COMPUTES)
+    return rerun == "all" or (rerun == "failed" and record.status != OK)
 
 
-def _blank(trial: Trial, key: str, data: str, settings: Settings) -> Outcome:
-    """What is known of an outcome before the trial runs, the digest of its data among it."""
-    environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": data}
+def _blank(trial: Trial, settings: Settings, identity: Identity) -> Outcome:
+    """The part of an outcome that is known before the trial runs."""
+    environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": identity.data}
     placement = trial.dataset.get("placement", "")
     return Outcome(
-        key=key,
+        key=identity.key,
         setting=trial.setting,
         status=FAILED,
         dataset=str(trial.dataset["name"]),

@@ -1,7 +1,7 @@
-"""Run a function in a process of its own, so that whatever happens to it happens to it alone.
+"""Run a function in its own process under limits of time and memory, so that its failure affects nothing else.
 
-A server process that has numpy and the methods loaded forks the children, so a trial starts in milliseconds and
-never inherits the state of the process that asked for it. Linux and macOS.
+A server process that has loaded numpy and the methods forks the children. So a trial starts in milliseconds, and it
+inherits no state of the process that starts it. Linux and macOS.
 """
 
 from __future__ import annotations
@@ -22,44 +22,43 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from nrsfm.harness.record.environment import THREAD_VARIABLES
 from nrsfm.harness.record.outcome import CRASHED, OK, OOM, TIMEOUT
 
 PRELOAD = ["nrsfm.harness.trial.preload"]
 
 
-OOM_EXIT, DISK_EXIT = 77, 78
+OOM_EXIT, DISK_EXIT = 77, 78  # exit codes of a child without memory, without disk
 
 
-STARTS = 5  # of the server, before no process can be started
+LOST_EXIT = 255  # the exit code that multiprocessing reports when the server died before the child
 
 
-LOST_EXIT = 255  # what multiprocessing says where nobody saw the child end
+STARTS = 5  # attempts to start the server
 
 
-POLL = 0.25  # seconds between two questions whether the child is still wanted
-
-
-LOOK = 1.0  # seconds between two looks at the memory that it and its own children hold
+POLL_SECONDS, MEMORY_SECONDS = 0.25, 1.0  # between two calls of ``stopped``, between two measurements of memory
 
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
 class Stopped(Exception):
-    """The child was ended before it was done, because it was no longer wanted."""
+    """The child was killed because ``stopped`` returned true."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How the process ended: a status and, unless ok, what happened in words."""
+    """How the process ended: a status and, unless that is ok, a description."""
 
     status: str
     detail: str = ""
 
 
-#: Held where a child is started, which changes the environment and the main module for a moment and asks after all
-#: other children, and where one is asked how it ended: the server says so once.
+#: Serialises starting a child, which changes the environment and the main module for a moment and polls all other
+#: children, and joining one: the server reports the end of a child only once.
 _CHILDREN = threading.Lock()
 
 
@@ -67,18 +66,18 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def start_server(threads: int = 1) -> None:
-    """Start the server that forks the children, if it is not there: it loads their libraries while others do theirs."""
+    """Start the server that forks the children, unless it runs; its libraries load in the background."""
     _CONTEXT.set_forkserver_preload(PRELOAD)
-    with _CHILDREN, _untouched(), _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _light_main():
+    with _CHILDREN, _without_interrupt(), _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _light_main():
         forkserver.ensure_running()
 
 
 def start_process(target: Callable[..., None], *args: Any) -> None:
-    """Start a long-lived helper process that ends by itself when its connection does, and that Ctrl-C does not reach.
+    """Start a helper process that Ctrl-C does not reach; ``target`` returns when its connection closes.
 
-    It is a fresh interpreter that starts at once, beside the server that loads what trials need.
+    It is a new interpreter, so that it starts at once and does not wait for the server to load its libraries.
     """
-    with _CHILDREN, _untouched(), _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
+    with _CHILDREN, _without_interrupt(), _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
         multiprocessing.get_context("spawn").Process(target=target, args=args, daemon=True).start()
 
 
@@ -97,18 +96,18 @@ def run_isolated(
     Parameters
     ----------
     target : str
-        ``module:function``, imported in the child alone; it leaves its result in a file.
+        ``module:function``, imported in the child only; it writes its result to a file.
     args : tuple
         Picklable.
     seconds, memory_gb : float
-        The child and its descendants are killed after ``seconds``; allocations past ``memory_gb`` fail, and where
-        they hold more than that together (Linux), or in shared memory, they are killed.
+        The child and its descendants are killed after ``seconds``. Allocations beyond ``memory_gb`` fail, and the
+        processes are killed when together they hold more; memory that they share counts once (Linux).
     threads : int
         BLAS threads of the child.
     log : Path, optional
         Where the child's standard output and error go.
     stopped : callable
-        Asked several times a second; once true, the child is killed.
+        Called several times a second; when it returns true the child is killed.
 
     Returns
     -------
@@ -118,26 +117,26 @@ def run_isolated(
     Raises
     ------
     Stopped
-        If ``stopped`` said so.
+        If ``stopped`` returned true.
     OSError
-        If the child could not write its files for want of space.
+        If the child could not write its files because the disk is full.
     """
     child = _start(_child, (target, args, memory_gb, threads, log), threads)
-    look = time.monotonic() + LOOK
+    measure_at = time.monotonic() + MEMORY_SECONDS
     end = time.monotonic() + seconds
     try:
-        while not multiprocessing.connection.wait([child.sentinel], min(POLL, max(0.0, end - time.monotonic()))):
+        while not _ends_within(child, min(POLL_SECONDS, end - time.monotonic())):
             if stopped():
                 raise Stopped
             now = time.monotonic()
             if now >= end:
                 return Ended(TIMEOUT, f"took more than {seconds:g} s")
-            if now >= look:
-                look = now + LOOK
+            if now >= measure_at:
+                measure_at = now + MEMORY_SECONDS
                 if held_gb(child.pid or 0, memory_gb) > memory_gb:
                     return Ended(OOM, f"needed more than {memory_gb:g} GB together with its own processes")
     finally:
-        _kill_group(child.pid)  # or whatever it left running
+        _kill_session(child.pid)  # the child, or what it left running
         with _CHILDREN:
             child.join()
     code = child.exitcode or 0
@@ -155,8 +154,12 @@ def run_isolated(
     return Ended(CRASHED, f"the process ended with exit code {code}")
 
 
+def _ends_within(child: ForkServerProcess, seconds: float) -> bool:
+    return bool(multiprocessing.connection.wait([child.sentinel], max(0.0, seconds)))
+
+
 def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int) -> ForkServerProcess:
-    """Have the server fork a process; a server that is killed in this moment is started again."""
+    """Have the server fork a process; starts the server again if it is killed meanwhile."""
     for left in reversed(range(STARTS)):
         start_server(threads)
         child = _CONTEXT.Process(target=target, args=args)
@@ -172,6 +175,7 @@ def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int) -> 
 
 
 def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, log: Path | None) -> None:
+    """Body of the child process: limit it, redirect its output, and call the target."""
     with contextlib.suppress(OSError):
         os.setsid()
     threading.Thread(target=_die_with_parent, daemon=True).start()
@@ -181,7 +185,7 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
         os.dup2(handle, 2)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     _limit_memory(memory_gb)
-    if os.environ.get(THREAD_VARIABLES[0]) != str(threads):  # the server's, under which its libraries were loaded
+    if os.environ.get(THREAD_VARIABLES[0]) != str(threads):  # the setting under which the server loaded its libraries
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(threads)
@@ -196,7 +200,7 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
         raise
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)  # what Python tears down, the system does at once
+    os._exit(0)  # skips Python's slow tear-down
 
 
 def _die_with_parent() -> None:
@@ -216,50 +220,53 @@ def _limit_memory(memory_gb: float) -> None:
 
 
 def held_gb(session: int, enough: float) -> float:
-    """GB of memory, shared and not, that the processes of a session hold together; 0 where the system does not tell.
+    """GB of memory that the processes of a session hold together.
 
-    Pages that they share count once. To find that out takes time, so it is left out while each for itself they hold
-    no more than ``enough``.
+    Pages that they share count once, which takes time to measure. So it is only done when the sum of their resident
+    sizes exceeds ``enough``.
     """
     members = _members(session)
-    resident = sum(_told(f"/proc/{pid}/status", ("RssAnon:", "RssShmem:", "VmSwap:")) for pid in members)
-    if resident <= enough:
-        return resident
-    return sum(_told(f"/proc/{pid}/smaps_rollup", ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")) for pid in members)
+    resident = sum(_memory(process, shared_once=False) for process in members)
+    if resident > enough * 2**30:
+        return sum(_memory(process, shared_once=True) for process in members) / 2**30
+    return resident / 2**30
 
 
-def _members(session: int) -> list[int]:
-    """The processes of a session; none where the system keeps no list."""
-    found = []
-    for name in os.listdir("/proc") if sys.platform == "linux" else ():  # noqa: PTH208, it asks for names
-        with contextlib.suppress(OSError):
-            if name.isdecimal() and os.getsid(int(name)) == session:
-                found.append(int(name))
-    return found
-
-
-def _told(path: str, names: tuple[str, ...]) -> float:
-    """GB that a file of the system says some things take; 0 for a process that has just ended."""
+def _memory(process: psutil.Process, shared_once: bool) -> int:
+    """Bytes of memory of a process, with its part of shared pages or all of them; 0 if the process has ended."""
     try:
-        lines = Path(path).read_text().splitlines()
-    except OSError:
-        return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith(names)) / 2**20
+        if not shared_once:
+            return int(process.memory_info().rss)
+        info = process.memory_full_info()
+        return int(info.pss + info.swap if sys.platform == "linux" else info.uss)
+    except psutil.Error:
+        return 0
 
 
-def _kill_group(pid: int | None) -> None:
+def _members(session: int) -> list[psutil.Process]:
+    """The processes of a session."""
+    members = []
+    for pid in psutil.pids():
+        with contextlib.suppress(OSError, psutil.Error):
+            if os.getsid(pid) == session:
+                members.append(psutil.Process(pid))
+    return members
+
+
+def _kill_session(pid: int | None) -> None:
+    """Kill a session's leader, its process group, and members that made groups of their own."""
     if pid is not None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
-        for one in (pid, *_members(pid)):  # a child may have made a group of its own
+        for member in (pid, *(process.pid for process in _members(pid))):
             with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(one, signal.SIGKILL)
+                os.kill(member, signal.SIGKILL)
 
 
 @contextlib.contextmanager
-def _untouched() -> Iterator[None]:
-    """Keep Ctrl-C from what is started meanwhile, from its first instruction on; this process takes it afterwards."""
-    resource_tracker.ensure_running()  # which lifts the block where it is not there yet
+def _without_interrupt() -> Iterator[None]:
+    """Block Ctrl-C in processes that are started meanwhile; this process receives it afterwards."""
+    resource_tracker.ensure_running()  # starting it would unblock the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -269,7 +276,7 @@ def _untouched() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Set variables while the server may start: it and its children must have them before numpy loads."""
+    """Set environment variables while the server may start, because it needs them before it loads numpy."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
@@ -284,7 +291,7 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _light_main() -> Iterator[None]:
-    """Hide the main script from the child, which would otherwise import it again; the target is importable."""
+    """Hide the main script from the child, which would otherwise import it again."""
     main = sys.modules["__main__"]
     hidden: dict[str, Any] = {n: main.__dict__.pop(n) for n in ("__file__", "__spec__") if n in main.__dict__}
     main.__spec__ = None

@@ -1,3 +1,5 @@
+"""The journal of a sweep: one line for each trial that ended, appended by workers, read by the follower."""
+
 from __future__ import annotations
 
 import json
@@ -12,7 +14,7 @@ from nrsfm.harness.record.outcome import STATUSES
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a sweep's journal: the trial that ended and whether it ran now or was done before."""
+    """One line of a journal: a trial that ended, and whether it ran in this sweep or before."""
 
     key: str
     title: str
@@ -21,7 +23,7 @@ class Entry:
 
 
 def note(settings: Settings, entry: Entry) -> None:
-    """Append a line to the sweep's journal; one write, so that workers' lines never mix."""
+    """Append a line to the sweep's journal, in one write, so that the lines of several workers never mix."""
     if settings.sweep:
         path = journal(settings.output, settings.sweep)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,11 +36,12 @@ def note(settings: Settings, entry: Entry) -> None:
 
 
 def journal(output: Path, sweep: str) -> Path:
+    """The journal's file."""
     return output / "sweeps" / sweep / "trials.jsonl"
 
 
 def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
-    """Whole lines of a journal from a byte offset on, each with the offset behind it; other lines are passed over."""
+    """Entries of a journal from a byte offset on, each with the offset after it; invalid lines are skipped."""
     if not path.is_file():
         return
     with path.open("rb") as stream:
@@ -52,9 +55,10 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
 
 
 def _entry(line: bytes) -> Entry | None:
+    """The entry of a line, None if it is invalid."""
     try:
-        found = Entry(**json.loads(line))
+        entry = Entry(**json.loads(line))
     except (ValueError, TypeError, RecursionError):
         return None
-    texts = all(type(text) is str for text in (found.key, found.title, found.status))
-    return found if texts and type(found.ran) is bool and found.status in STATUSES else None
+    texts = all(type(text) is str for text in (entry.key, entry.title, entry.status))
+    return entry if texts and type(entry.ran) is bool and entry.status in STATUSES else None

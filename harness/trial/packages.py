@@ -1,4 +1,4 @@
-"""The installed packages that a trial's results come from."""
+"""Name, version and source digest of the installed packages that bring a trial's method and scene."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from nrsfm.methods.base import MethodError
 
 
 def packages_of(trial: Trial) -> str:
-    """The packages that bring a trial's method and scene, "" for none: name, version, digest of the source.
+    """The packages that bring a trial's method and scene, as ``nrsfm-example 0.1.0 3f2a91c0d4e5b678``; "" for none.
 
-    ``nrsfm-example 0.1.0 3f2a91c0d4e5b678``: sources differ where somebody forgot to raise the version, too.
+    The digest tells sources apart even if their version was not raised.
     """
     try:
-        found = [methods.provider(name) for name in _algorithms(trial.method)]
-        found.append(datasets.provider(trial.dataset.get("source")))
-    except (MethodError, DatasetError):  # a broken module of ours: the trial says so itself
+        entries = [methods.provider(name) for name in _algorithms(trial.method)]
+        entries.append(datasets.provider(trial.dataset.get("source")))
+    except (MethodError, DatasetError):  # a broken module of this project, which the trial itself reports
         return ""
-    return ", ".join(sorted({described(package_of(entry), top_of(entry)) for entry in found if entry}))
+    return ", ".join(sorted({described(package_of(entry), top_of(entry)) for entry in entries if entry}))
 
 
 @cache
 def described(package: str, top: str) -> str:
-    """Name, version and source of a package whose modules stand under ``top``; once for a process."""
+    """Name, version and source digest of a package with the top-level module ``top``; computed once per process."""
     try:
         release = version(package)
     except PackageNotFoundError:
@@ -44,7 +44,7 @@ def described(package: str, top: str) -> str:
 
 
 def _algorithms(method: Mapping[str, Any]) -> Iterator[str]:
-    """The names of a method's algorithm and of those of its parts."""
+    """Names of the algorithms of a method and of its parts."""
     for key, value in method.items():
         if isinstance(value, Mapping):
             yield from _algorithms(value)

@@ -1,4 +1,4 @@
-"""What every trial needs, loaded and looked up once by the server from which the trials are forked."""
+"""Imports and look-ups that every trial needs, done once by the server that forks the trials."""
 
 from nrsfm.datasets import registry as datasets
 from nrsfm.harness.record.environment import environment

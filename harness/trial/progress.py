@@ -1,4 +1,4 @@
-"""How far a trial is: told by its process in a file, read by whoever follows the sweep."""
+"""The progress of a running trial: written to a file by its process, read by the follower of the sweep."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pathlib import Path
 LARGEST = 1 << 16  # bytes of the file
 
 
-SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are told in the file, and in the trial's log
+SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are written to the file, and to the trial's log
 
 
 @dataclass(frozen=True)
 class Step:
-    """What one trial is at: a stage, and within it an iteration, of how many at most, and its residuals by name."""
+    """Stage of a trial, and in it the iteration, the largest number of iterations, and residuals by name."""
 
     title: str
     stage: str = ""
@@ -26,14 +26,14 @@ class Step:
 
     @property
     def words(self) -> str:
-        """``structure 120/6000: primal 1e-03, dual 4e-02``."""
+        """The step as ``structure 120/6000: primal 1e-03, dual 4e-02``."""
         where = f"{self.stage} {self.iteration}/{self.iterations}".strip() if self.iterations else self.stage
         residuals = ", ".join(f"{name} {value:.0e}" for name, value in self.residuals.items())
         return f"{where}: {residuals}" if residuals else where
 
 
 class Reporter:
-    """A :data:`nrsfm.methods.base.Progress` that keeps ``path`` up to date and writes to standard output, the trial's log."""
+    """A :data:`nrsfm.methods.base.Progress` that writes to a file, and to standard output, the trial's log."""
 
     def __init__(self, title: str, path: Path | None) -> None:
         self.title, self.path = title, path
@@ -43,7 +43,7 @@ class Reporter:
             path.parent.mkdir(parents=True, exist_ok=True)
 
     def stage(self, name: str) -> None:
-        """See :func:`nrsfm.methods.base.stage`; told at once, for a stage may be long and say nothing else."""
+        """See :func:`nrsfm.methods.base.stage`; written at once, because a stage may be long and have no iterations."""
         if name != self._stage:
             self._stage = name
             self._write(Step(self.title, name))
@@ -65,25 +65,31 @@ class Reporter:
 
 
 def place(output: Path, sweep: str, key: str) -> Path | None:
-    """The file of a trial of a sweep; None outside any sweep."""
+    """The progress file of a trial of a sweep; None outside a sweep."""
     return output / "sweeps" / sweep / "running" / f"{key}.json" if sweep else None
 
 
 def forget(path: Path | None) -> None:
-    """Remove a trial's file, which has ended however it did."""
+    """Remove the progress file of a trial that has ended."""
     if path is not None:
         path.unlink(missing_ok=True)
         path.with_suffix(".new").unlink(missing_ok=True)
 
 
 def steps(output: Path, sweep: str) -> Iterator[tuple[str, Step]]:
-    """Key and step of every trial that is at work."""
+    """Key and step of every running trial."""
     for path in sorted((output / "sweeps" / sweep / "running").glob("*.json")):
         try:
             step = Step(**json.loads(path.read_bytes()[:LARGEST]))
             _ = step.words
-            whole = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # it ended in this moment, or is none
+            valid = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            AttributeError,
+            RecursionError,
+        ):  # it has just ended, or is invalid
             continue
-        if whole:
+        if valid:
             yield path.stem, step

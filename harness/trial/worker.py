@@ -1,4 +1,4 @@
-"""The inside of a trial: scene, method, metrics, and the files it leaves. Runs in a process of its own."""
+"""The part of a trial that runs in its own process: make the scene, run the method, compute metrics, write files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.registry import load_scene
+from nrsfm.datasets.registry import digest, load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
 from nrsfm.harness.evaluate.reconstruct import reconstruct
@@ -35,15 +35,22 @@ def work(
     stand_in: bool,
     folder: Path,
     memory_gb: float = float("inf"),
-    running: Path | None = None,
+    step: Path | None = None,
 ) -> None:
-    """Carry out a trial and leave its record in ``folder``; an exception becomes a record that says so.
+    """Run a trial and write its arrays and its record into ``folder``; an exception becomes a record with its text.
 
-    Meanwhile ``running`` is told how far it is. What does not fit into ``memory_gb`` is not begun.
+    Parameters
+    ----------
+    blank : Outcome
+        The fields that are known before; :func:`compute` checks the data against its digest.
+    memory_gb : float
+        A method that foresees that it needs more is refused.
+    step : Path, optional
+        File that is kept up to date with the stage and the iteration.
     """
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, running))
+        outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, step))
         write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
     except MemoryError:
         raise
@@ -73,15 +80,20 @@ def compute(
     memory_gb: float = float("inf"),
     progress: Progress | None = None,
 ) -> tuple[Outcome, Mapping[str, Any]]:
-    """The trial itself: an Outcome of status ok and the arrays to keep.
+    """Make the scene, run the method and measure; returns an Outcome of status ok and the arrays to keep.
 
     Raises
     ------
-    DatasetError, MethodError, UsageError
-        If the scene or the method cannot be had as asked, or the method would need more memory than it may take.
+    DatasetError
+        If the scene cannot be made, or its data are no longer those of the digest in ``blank``.
+    MethodError, UsageError
+        If the settings do not fit the scene or the method, or the method would need more than ``memory_gb``.
     """
     stage(progress, "scene")
     scene = load_scene(trial.dataset, data, stand_in)
+    identified = blank.environment.get("data", "")
+    if identified and digest(trial.dataset, data, stand_in) != identified:  # asked after loading, to leave no gap
+        raise DatasetError(f"the data of {trial.dataset['name']} changed after this run began; start it again")
     n_bodies = _n_bodies(trial, scene)
     repeat = trial.noise["repeat"]
     noisy = scene.with_noise(trial.noise["level"], repeat)
@@ -89,38 +101,38 @@ def compute(
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
-    found = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
+    solution = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
     stage(progress, "metrics")
     auto = n_bodies is None
-    if auto and found.labels is not None:
-        n_bodies = len(np.unique(found.labels))
+    if auto and solution.labels is not None:
+        n_bodies = len(np.unique(solution.labels))
     outcome = replace(
         blank,
         status=OK,
-        metrics=metrics.evaluate(noisy, found, known_cameras=known, counted=auto),
+        metrics=metrics.evaluate(noisy, solution, known_cameras=known, counted=auto),
         stand_in=scene.stand_in,
         n_bodies=n_bodies,
         n_points=scene.n_points,
         n_frames=scene.n_frames,
     )
     parts = {
-        "structure": found.structure,
-        "labels": found.labels,
-        "affinity": found.affinity,
-        "cameras": found.cameras,
+        "structure": solution.structure,
+        "labels": solution.labels,
+        "affinity": solution.affinity,
+        "cameras": solution.cameras,
         "tracks": noisy.tracks,
         "visible": noisy.visible,
         "true_structure": scene.structure,
         "true_labels": scene.labels,
         "edges": scene.edges,
-        **metrics.by_frame(noisy, found, known_cameras=known),
+        **metrics.by_frame(noisy, solution, known_cameras=known),
     }
     arrays = pack({name: value for name, value in parts.items() if value is not None})
-    return outcome, arrays | {f"history_{name}": values for name, values in found.history.items()}
+    return outcome, arrays | {f"history_{name}": values for name, values in solution.history.items()}
 
 
 def _n_bodies(trial: Trial, scene: Scene) -> int | None:
-    """The number of bodies that the method is told; None when it is to be estimated."""
+    """The number of bodies that is passed to the method; None when it is to be estimated."""
     if trial.n_bodies == AUTO:
         return None
     n_bodies = trial.n_bodies or scene.n_bodies

@@ -106,7 +106,7 @@ def measure(benchmark: BenchmarkFixture, command: list[str], cores: int, clean: 
 @pytest.mark.parametrize("cores", [1, 2])
 def test_ours(benchmark: BenchmarkFixture, tmp_path: Path, naughty_package: Path, cores: int) -> None:  # noqa: F811
     root = Path(__file__).parents[2]
-    paths = os.pathsep.join([str(naughty_package), str(root)])
+    paths = os.pathsep.join([str(naughty_package), str(root / "src")])
     env = os.environ | {"NRSFM_OUTPUT": str(tmp_path / "out/outputs"), "PYTHONPATH": paths}
     words = [*ODD, "+method.how=ok", "noise.level=0.01", f"noise.repeat=range({TRIALS})"]
     measure(benchmark, [sys.executable, "-m", "nrsfm", "run", "-m", *words], cores, tmp_path / "out", env)

@@ -25,7 +25,8 @@ from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.tracking.tracker import Tracker
-from nrsfm.harness.trial.execute import execute, identify
+from nrsfm.harness.trial.execute import execute
+from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import run_isolated
 from nrsfm.harness.trial.journal import Entry, note
 from nrsfm.harness.trial.worker import compute
@@ -50,7 +51,7 @@ def sweep(
     monkeypatch: pytest.MonkeyPatch,
 ) -> list[tuple[Trial, Settings]]:
     monkeypatch.syspath_prepend(naughty_package)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(naughty_package), str(ROOT)]))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(naughty_package), str(ROOT / "src")]))
     monkeypatch.setenv("NRSFM_OUTPUT", str(tmp_path / "out"))
     monkeypatch.setenv("NRSFM_DATA", str(tmp_path / "no-data"))
     return expand(_words(TRIALS))
@@ -71,7 +72,7 @@ def test_where_the_time_of_a_trial_goes(
         return min(_milliseconds(partial(what, i)) for i in range(1, TRIALS, 4))
 
     def identity(i: int) -> None:
-        storage.read_record(settings.trials / identify(trials[i], settings)[0])
+        storage.read_record(settings.trials / identify(trials[i], settings).key)
 
     def process(_: int) -> None:
         ended = run_isolated("os:getpid", (), seconds=60, memory_gb=8, threads=1, log=tmp_path / "log")

@@ -193,8 +193,9 @@ def _work() -> list[bytes]:
     trial = {name: {"name": "a", "source": "known", "level": 0.0, "repeat": 0} for name in ("dataset", "method")}
     trial |= {"cameras": {"source": "known"}, "noise": {"level": 0.0, "repeat": 0}}
     settings = {"output": "/nowhere", "data": "/nowhere", "seconds": 10.0}
-    head = {"until": 1.0, "home": "host 1 2"}
-    return [json.dumps(head | {"jobs": [{"trial": trial, "settings": settings, "old": ""}]}).encode()]
+    head = {"until": 1.0, "home": "host 1"}
+    job = {"trial": trial, "settings": settings, "identity": {"key": "a"}, "old": ""}
+    return [json.dumps(head | {"jobs": [job]}).encode()]
 
 
 def _override(folder: Path) -> None:

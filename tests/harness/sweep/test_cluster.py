@@ -1,4 +1,4 @@
-"""The commands of docs/cluster.md, as they stand there, and what Slurm does to a sweep."""
+"""The commands of docs/cluster.md as they are printed there, and a sweep under Slurm's signals."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def cluster() -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=600)
 
 
 @pytest.mark.slow
@@ -102,11 +102,11 @@ def test_a_preempted_task_is_queued_again_and_the_sweep_never_notices(
 ) -> None:
     """As Slurm preempts: SIGTERM, which is ignored, and the signal that asks to be queued again."""
     sweep = started(environment | variables, tmp_path, *SLOW, "noise.repeat=range(12)")
-    until(lambda: records(tmp_path))
+    until(lambda: records(tmp_path), sweep)
     (one, *_) = tasks(tmp_path)
     for sign in (signal.SIGTERM, signal.SIGUSR2):
         os.kill(one, sign)
-    out, err = sweep.communicate(timeout=240)
+    out, err = sweep.communicate(timeout=1200)
     assert (sweep.returncode, "12 trials: 12 run. " in out) == (0, True), (out, err)
     assert sorted(len(path.read_text()) for path in (tmp_path / "slurm/jobs").glob("*/*.starts")) == [1, 2]
     assert len(tracked(tmp_path)) == 12
@@ -118,11 +118,11 @@ def test_an_array_goes_on_without_the_process_that_asked_for_it(
 ) -> None:
     words = (*SLOW, "noise.repeat=range(12)")
     sweep = started(environment | variables, tmp_path, *words)
-    until(lambda: records(tmp_path))
+    until(lambda: records(tmp_path), sweep)
     sweep.kill()
     sweep.wait()
     assert len(records(tmp_path)) < 12
-    until(lambda: len(records(tmp_path)) == 12, 120)
+    until(lambda: len(records(tmp_path)) == 12)
     again = shell(*words, **variables)
     assert (again.returncode, "nothing to run, 12 done before" in again.stdout) == (0, True), again.stderr
     assert len(tracked(tmp_path)) == 12

@@ -1,4 +1,4 @@
-"""A plan says what the run with the same overrides does."""
+"""A plan agrees with the run of the same overrides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Run = Callable[..., None]
 
 @pytest.fixture
 def ran(tmp_path: Path) -> Run:
-    """Carry trials out, without a tracker."""
+    """Run trials without a tracker."""
 
     def call(*words: str) -> None:
         for trial, settings in expand([*words, f"output={tmp_path}/out", f"data={tmp_path}/no-data"]):
@@ -60,8 +60,8 @@ def test_time_is_that_of_past_trials_of_the_size(nrsfm: Shell, ran: Run, tmp_pat
     assert "100 s of CPU time" in planned
     assert "are free" in planned
     larger = nrsfm("plan", *TINY, "dataset.points=16").stdout
-    assert "from 1 trial, 16 tracks, 12 frames" in larger
-    assert "100 s" in larger  # twice as many tracks
+    assert "no past trial of this size; 16 tracks, 12 frames took 50 s" in larger
+    assert "1 trial of unknown length" in larger
     warned = nrsfm("plan", *words, "limits.seconds=30", "limits.sweep_seconds=60").stdout
     assert "! 5 trials are expected to take longer than limits.seconds = 30; raise it" in warned
     assert "! limits.sweep_seconds = 60 ends the run before" in warned
@@ -81,7 +81,7 @@ def test_a_disk_that_is_too_small_is_told(
 
 
 def test_more_memory_than_the_machine_has_is_told(nrsfm: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nrsfm.harness.sweep.plan.memory_mb", lambda: 500.0)
+    monkeypatch.setattr("nrsfm.harness.sweep.plan.machine_mb", lambda: 500.0)
     words = (*TINY, "noise.level=0.01", "noise.repeat=0,1,2")
     assert "3 trials side by side may take 922 MB and this machine has 500 MB; lower workers" in (
         nrsfm("plan", *words, "workers=3").stdout
@@ -120,7 +120,7 @@ def test_it_refuses_what_the_run_refuses(nrsfm: Shell) -> None:
     for verb in ("plan", "run"):
         refused = nrsfm(verb, *TINY, "hydra/launcher=submitit_slurm")
         assert refused.returncode == 3
-        assert "say how many Slurm jobs are to share the trials: workers=20" in refused.stderr
+        assert "set how many Slurm jobs share the trials, as in workers=20" in refused.stderr
 
 
 def test_lines_of_the_table_fit_where_there_is_no_terminal(nrsfm: Shell) -> None:

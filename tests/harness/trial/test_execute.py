@@ -23,7 +23,8 @@ from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.trial import Trial, digest
 from nrsfm.harness.trial import worker
-from nrsfm.harness.trial.execute import execute, identify
+from nrsfm.harness.trial.execute import execute
+from nrsfm.harness.trial.identity import identify
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.pipelines import ClusterTracks
@@ -51,7 +52,7 @@ def test_runs_once_and_keeps_everything(trial: Trial, settings: Settings) -> Non
         assert arrays["labels"].shape == (16,)
         assert arrays["tracks"].shape == (12, 2, 16)
     assert outcome.metrics["n_wrong"] == round(outcome.metrics["e_ms"] * 16)
-    assert outcome.peak_mb > 10
+    assert outcome.peak_mb is not None and outcome.peak_mb > 10
     assert outcome.environment["numpy"] == np.__version__
     again, ran = execute(trial, settings)
     assert not ran
@@ -66,9 +67,9 @@ def test_same_trial_gives_the_same_numbers(trial: Trial, settings: Settings) -> 
 
 
 def test_key_follows_what_matters(trial: Trial, settings: Settings) -> None:
-    key, _ = identify(trial, settings)
+    key = identify(trial, settings).key
     elsewhere = replace(settings, output=settings.output / "x", threads=2, seconds=1, sweep="t", tracking_uri="u")
-    assert identify(trial, elsewhere)[0] == key
+    assert identify(trial, elsewhere).key == key
     changed = [
         replace(trial, noise={"level": 0.01, "repeat": 0}),
         replace(trial, noise={"level": 0.0, "repeat": 1}),
@@ -77,7 +78,7 @@ def test_key_follows_what_matters(trial: Trial, settings: Settings) -> None:
         replace(trial, dataset={**trial.dataset, "seed": 1}),
         replace(trial, method={**trial.method, "clusterer": {**trial.method["clusterer"], "power": 3.0}}),
     ]
-    keys = {identify(t, settings)[0] for t in changed}
+    keys = {identify(t, settings).key for t in changed}
     assert len(keys) == len(changed)
     assert key not in keys
 
@@ -85,13 +86,37 @@ def test_key_follows_what_matters(trial: Trial, settings: Settings) -> None:
 def test_key_follows_the_version_of_the_method(
     trial: Trial, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    key, _ = identify(trial, settings)
+    key = identify(trial, settings).key
     monkeypatch.setattr("nrsfm.methods.pipelines.ClusterTracks.version", "2")
-    assert identify(trial, settings)[0] != key
+    assert identify(trial, settings).key != key
 
 
-def test_a_trial_tells_what_it_is_at(settings: Settings) -> None:
-    """Whatever its method tells itself: while the scene is made, its cameras are estimated, its errors measured."""
+def test_the_identity_is_carried_and_not_computed_again(trial: Trial, settings: Settings) -> None:
+    identity = replace(identify(trial, settings), key="0123456789abcdef")
+    outcome, ran = execute(trial, settings, identity)
+    assert (ran, outcome.status, outcome.key) == (True, "ok", identity.key)
+    assert outcome.environment["data"] == identity.data
+    assert execute(trial, settings, identity) == (outcome, False)
+
+
+def test_data_that_change_after_the_identity_are_refused(tmp_path: Path, settings: Settings) -> None:
+    """A trial never records results of other data than its key names; the next start gives it a new key."""
+    x = np.random.default_rng(0).standard_normal((3, 12, 8))
+    file = tmp_path / "data/hopkins155/arm_truth.mat"
+    file.parent.mkdir(parents=True)
+    scipy.io.savemat(file, {"x": x, "s": np.repeat([[1], [2]], 6, axis=0)})
+    ((trial, _),) = expand(["dataset=hopkins155", "dataset.scene=arm", "method=edsc_raw"])
+    identity = identify(trial, settings)
+    scipy.io.savemat(file, {"x": x + 1, "s": np.repeat([[1], [2]], 6, axis=0)})
+    outcome, _ = execute(trial, settings, identity)
+    assert (outcome.key, outcome.status) == (identity.key, "failed")
+    assert outcome.error == "the data of hopkins155_arm changed after this run began; start it again"
+    again, ran = execute(trial, settings)
+    assert (ran, again.status) == (True, "ok") and again.key != identity.key
+
+
+def test_a_trial_reports_its_stages(settings: Settings) -> None:
+    """Besides those of its method: making the scene, estimating cameras, measuring errors."""
 
     class Listener:
         def __init__(self) -> None:
@@ -221,7 +246,7 @@ def test_stand_in_is_labelled_and_has_another_key(settings: Settings) -> None:
     assert outcome.status == "ok"
     assert outcome.stand_in
     assert (outcome.n_points, outcome.n_frames) == (116, 264)
-    assert identify(trial, allowed)[0] != identify(trial, settings)[0]
+    assert identify(trial, allowed).key != identify(trial, settings).key
 
 
 @pytest.mark.parametrize(
