@@ -8,7 +8,7 @@ import pytest
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
-from nrsfm.methods.base import NO_CAMERAS, MethodError, standardise
+from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.clustering.ssc import SSC
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift, principal
 from nrsfm.methods.registry import ALGORITHMS, build, build_method, version
@@ -29,11 +29,11 @@ def pipelines() -> dict:
 def test_pipelines_give_what_they_promise(small_scene: Scene, pipelines: dict, name: str) -> None:
     method = pipelines[name]
     tracks = small_scene.tracks.copy()
-    found = method.reconstruct(tracks, small_scene.cameras, 2)
+    found = method.reconstruct(Observations(tracks, small_scene.cameras), 2)
     assert (tracks == small_scene.tracks).all()
     assert (found.structure is not None) == ("structure" in method.provides)
     assert found.labels.shape == (small_scene.n_points,)
-    again = method.reconstruct(tracks, small_scene.cameras, 2)
+    again = method.reconstruct(Observations(tracks, small_scene.cameras), 2)
     assert (again.labels == found.labels).all()
 
 
@@ -42,8 +42,8 @@ def test_permuting_tracks_permutes_the_result(
     small_scene: Scene, pipelines: dict, name: str, rng: np.random.Generator
 ) -> None:
     order = rng.permutation(small_scene.n_points)
-    plain = pipelines[name].reconstruct(small_scene.tracks, small_scene.cameras, 2)
-    mixed = pipelines[name].reconstruct(small_scene.tracks[:, :, order], small_scene.cameras, 2)
+    plain = pipelines[name].reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
+    mixed = pipelines[name].reconstruct(Observations(small_scene.tracks[:, :, order], small_scene.cameras), 2)
     assert metrics.n_wrong(mixed.labels, plain.labels[order]) == 0
     if plain.structure is not None:
         np.testing.assert_allclose(mixed.structure, plain.structure[:, :, order], atol=1e-5)
@@ -59,16 +59,16 @@ class Recorder(SSC):
 
 def test_tracks_are_clustered_standardised_or_as_they_are(rng: np.random.Generator) -> None:
     tracks = 3 + 5 * rng.standard_normal((6, 2, 10))
-    ClusterTracks(Recorder()).reconstruct(tracks, NO_CAMERAS, 2)
+    ClusterTracks(Recorder()).reconstruct(Observations(tracks), 2)
     np.testing.assert_array_equal(Recorder.given, standardise(tracks).W.reshape(12, 10).T)
-    ClusterTracks(Recorder(), standardise=False).reconstruct(tracks, NO_CAMERAS, 2)
+    ClusterTracks(Recorder(), standardise=False).reconstruct(Observations(tracks), 2)
     np.testing.assert_array_equal(Recorder.given, tracks.reshape(12, 10).T)
 
 
 def test_standardised_tracks_have_no_unit_and_no_place(small_scene: Scene) -> None:
     there = 7 + 1000 * small_scene.tracks
     for method in (ClusterTracks(SSC(share=0.7)), ClusterTracks(SSC(share=0.7), projection=4)):
-        here, moved = (method.reconstruct(W, NO_CAMERAS, 2) for W in (small_scene.tracks, there))
+        here, moved = (method.reconstruct(Observations(W), 2) for W in (small_scene.tracks, there))
         np.testing.assert_allclose(moved.affinity, here.affinity, atol=1e-6)
 
 
@@ -87,17 +87,11 @@ def test_projection_is_the_best_of_its_dimension_and_not_centred(rng: np.random.
 def test_projection_is_to_dimensions_a_body(rng: np.random.Generator) -> None:
     tracks = rng.standard_normal((20, 2, 30))
     for n_bodies in (2, 3):
-        ClusterTracks(Recorder(), standardise=False, projection=4).reconstruct(tracks, NO_CAMERAS, n_bodies)
+        ClusterTracks(Recorder(), standardise=False, projection=4).reconstruct(Observations(tracks), n_bodies)
         np.testing.assert_allclose(Recorder.given, principal(tracks, 4 * n_bodies).T)
     for wrong in (0, -1, 1.5):
         with pytest.raises(MethodError, match="whole number"):
-            ClusterTracks(SSC(), projection=wrong).reconstruct(tracks, NO_CAMERAS, 2)
-
-
-def test_tracks_are_checked_either_way() -> None:
-    for keep in (True, False):
-        with pytest.raises(MethodError, match="NaN"):
-            ClusterTracks(SSC(), standardise=keep).reconstruct(np.full((4, 2, 6), np.nan), NO_CAMERAS, 2)
+            ClusterTracks(SSC(), projection=wrong).reconstruct(Observations(tracks), 2)
 
 
 def test_clusters_are_placed_where_they_are() -> None:
@@ -111,7 +105,9 @@ def test_clusters_are_placed_where_they_are() -> None:
     S *= 1 + 0.2 * np.sin(np.arange(F) / 5)[:, None, None] * (np.arange(2 * P) >= P)
     S -= S.mean(axis=2, keepdims=True)
     R = orbit(F)
-    found = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(project(R, S), R, 2)
+    found = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(
+        Observations(project(R, S), R), 2
+    )
     assert metrics.n_wrong(found.labels, np.repeat([0, 1], P)) == 0
 
 

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from sklearn.base import clone
 
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Array, MethodError
+from nrsfm.methods.base import Array, Method, MethodError, Observations
 from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.clustering.spectral import MOST, count_clusters, eigengaps, spectral_clustering
 from nrsfm.methods.clustering.ssc import SSC
@@ -78,20 +78,20 @@ METHODS = [
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
-def test_every_method_counts_when_it_is_not_told(small_scene: Scene, method) -> None:
+def test_every_method_counts_when_it_is_not_told(small_scene: Scene, method: Method) -> None:
     assert small_scene.cameras is not None
-    found = clone(method).reconstruct(small_scene.tracks, small_scene.cameras, None)
+    found = clone(method).reconstruct(Observations(small_scene.tracks, small_scene.cameras), None)
     n = len(np.unique(found.labels))
     if "EDSC" not in repr(method):  # whose affinity is one for each number
         assert n == count_clusters(found.affinity)[0]
-    told = clone(method).reconstruct(small_scene.tracks, small_scene.cameras, n) if n > 1 else found
+    told = clone(method).reconstruct(Observations(small_scene.tracks, small_scene.cameras), n) if n > 1 else found
     np.testing.assert_array_equal(told.labels, found.labels)
 
 
 def test_a_projection_by_bodies_needs_their_number(small_scene: Scene) -> None:
     assert small_scene.cameras is not None
     with pytest.raises(MethodError, match="set n_bodies"):
-        ClusterTracks(SSC(), projection=4).reconstruct(small_scene.tracks, small_scene.cameras, None)
+        ClusterTracks(SSC(), projection=4).reconstruct(Observations(small_scene.tracks, small_scene.cameras), None)
 
 
 @pytest.mark.parametrize("between", [0.0, 0.05])

@@ -12,10 +12,10 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
-from nrsfm.methods.base import MethodError, standardise
+from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody, AdaptiveProblem
-from nrsfm.methods.multibody.lagrangian import State
 from nrsfm.methods.multibody.motion import directions, noise_variance
+from nrsfm.methods.multibody.problem import State, lagrangian, shape_step
 from nrsfm.methods.structure.bmm import BMM
 from tests.methods.multibody.test_printed import slope
 
@@ -28,13 +28,18 @@ def problem(small_scene: Scene) -> AdaptiveProblem:
 
 @pytest.fixture
 def state(problem: AdaptiveProblem, rng: np.random.Generator) -> State:
-    """A state in the middle of nowhere, but for the multipliers that play no part."""
+    """A random state."""
     F, _, P = problem.W.shape
     triple = lambda: rng.standard_normal((F, 3, P))  # noqa: E731
     square = lambda: 0.3 * rng.standard_normal((P, P))  # noqa: E731
-    still = problem.start(0.7)
-    return replace(
-        still, S=triple(), shape=triple(), C=square(), E=square(), Y1=triple(), Y3=problem.code_penalty * square()
+    return State(
+        S=triple(),
+        shape=triple(),
+        C=square(),
+        E=square(),
+        Y1=triple(),
+        Y3=problem.code_penalty * square(),
+        b=0.7,
     )
 
 
@@ -64,13 +69,13 @@ def test_exact_diagonal_is_the_constrained_minimum(
 def test_proximal_steps_are_minima(
     problem: AdaptiveProblem, state: State, rng: np.random.Generator, block: str
 ) -> None:
-    found = problem.sparse_step(state) if block == "E" else problem.shape_step(state)[0]
-    lowest = problem.lagrangian(replace(state, **{block: found}))
+    found = problem.sparse_step(state) if block == "E" else shape_step(problem.l2, state)[0]
+    lowest = lagrangian(problem, replace(state, **{block: found}))
     for _ in range(50):
         change = rng.standard_normal(found.shape) * 10.0 ** rng.uniform(-5, 0)
         if block == "E":
             np.fill_diagonal(change, 0)
-        assert problem.lagrangian(replace(state, **{block: found + change})) >= lowest - 1e-9
+        assert lagrangian(problem, replace(state, **{block: found + change})) >= lowest - 1e-9
 
 
 def test_multipliers_follow_the_gaps(problem: AdaptiveProblem, state: State) -> None:
@@ -131,10 +136,10 @@ def test_a_scene_at_rest_is_refused_and_a_track_at_rest_is_not() -> None:
     scene = procedural.load_scene(["person", "face"], 8, 60, 0, name="still")
     still = scene.cameras @ np.repeat(scene.structure[:1], 60, axis=0)
     with pytest.raises(MethodError, match="nothing moves"):
-        AdaptiveMultiBody().reconstruct(still, scene.cameras, 2)
+        AdaptiveMultiBody().reconstruct(Observations(still, scene.cameras), 2)
     moving = scene.tracks.copy()
     moving[:, :, 0] = still[:, :, 0]
-    found = AdaptiveMultiBody(max_iter=5).reconstruct(moving, scene.cameras, 2)
+    found = AdaptiveMultiBody(max_iter=5).reconstruct(Observations(moving, scene.cameras), 2)
     assert np.isfinite(found.structure).all() and np.isfinite(found.affinity).all()
 
 
@@ -154,14 +159,14 @@ def test_a_scene_at_rest_is_refused_and_a_track_at_rest_is_not() -> None:
 )
 def test_bad_settings_are_named(small_scene: Scene, settings: dict, word: str) -> None:
     with pytest.raises(MethodError, match=word):
-        AdaptiveMultiBody(**settings).reconstruct(small_scene.tracks, small_scene.cameras, 2)
+        AdaptiveMultiBody(**settings).reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
 
 
 def test_noise_is_taken_out_of_the_images() -> None:
     """The structure is seen nearer to the true tracks than the noisy tracks are."""
     scene = procedural.load_scene(["person", "face"], 30, 80, 0, name="denoised", placement="paper")
     noisy = add_noise(scene.tracks, 0.02, 0, "denoised")
-    found = AdaptiveMultiBody(max_iter=30).reconstruct(noisy, scene.cameras, 2)
+    found = AdaptiveMultiBody(max_iter=30).reconstruct(Observations(noisy, scene.cameras), 2)
     left = np.linalg.norm(scene.cameras @ found.structure - scene.tracks)
     assert left < 0.75 * np.linalg.norm(noisy - scene.tracks)
 
@@ -170,9 +175,9 @@ def test_noise_is_taken_out_of_the_images() -> None:
 def test_separates_and_reconstructs_as_the_block_matrix_method(diagonal: str) -> None:
     """Bodies whose rough motions lie in separate subspaces, with all else in common."""
     scene = two_rough_bodies()
-    found = AdaptiveMultiBody(diagonal=diagonal).reconstruct(scene.tracks, scene.cameras, 2)
+    found = AdaptiveMultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
     assert n_wrong(found.labels, scene.labels) == 0
-    alone = BMM().reconstruct(scene.tracks, scene.cameras).structure
+    alone = BMM().reconstruct(Observations(scene.tracks, scene.cameras)).structure
     assert e_3d(found.structure, scene.structure) < 1.02 * e_3d(alone, scene.structure)
     assert found.history["shape"][-1] < 1e-3
 

@@ -7,7 +7,7 @@ import pytest
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import MethodError, standardise
+from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.structure.bmm import BMM, cut_rank, fit_shape
 
 
@@ -22,13 +22,13 @@ def low_rank() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_equality_reproduces_the_tracks(small_scene: Scene) -> None:
-    found = BMM(tol=1e-7).reconstruct(small_scene.tracks, small_scene.cameras)
+    found = BMM(tol=1e-7).reconstruct(Observations(small_scene.tracks, small_scene.cameras))
     np.testing.assert_allclose(project(small_scene.cameras, found.structure), small_scene.tracks, atol=1e-9)
 
 
 def test_recovers_a_low_rank_structure(low_rank: tuple[np.ndarray, np.ndarray]) -> None:
     S, R = low_rank
-    found = BMM(tol=1e-8).reconstruct(project(R, S), R)
+    found = BMM(tol=1e-8).reconstruct(Observations(project(R, S), R))
     assert np.linalg.norm(found.structure - S) < 1e-4 * np.linalg.norm(S)
 
 
@@ -74,4 +74,4 @@ def test_rank_cut(small_scene: Scene) -> None:
 
 def test_negative_weight_is_refused(small_scene: Scene) -> None:
     with pytest.raises(MethodError, match="l2"):
-        BMM(l2=-1).reconstruct(small_scene.tracks, small_scene.cameras)
+        BMM(l2=-1).reconstruct(Observations(small_scene.tracks, small_scene.cameras))

@@ -13,7 +13,7 @@ from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.real.mocap import load_scene, load_single
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
-from nrsfm.methods.base import Array, MethodError, standardise
+from nrsfm.methods.base import Array, MethodError, Observations, standardise
 from nrsfm.methods.structure.bmm import BMM
 from nrsfm.methods.structure.rotation import (
     STARTS,
@@ -192,7 +192,7 @@ def test_exact_recovery(K: int) -> None:
 def test_structure_and_cameras_from_tracks_alone() -> None:
     tracks, _ = non_rigid(3)
     R = estimate_cameras(tracks, 3)
-    S = BMM(tol=1e-7).reconstruct(tracks, R).structure
+    S = BMM(tol=1e-7).reconstruct(Observations(tracks, R)).structure
     assert S is not None
     np.testing.assert_allclose(project(R, S), tracks, atol=1e-9)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(2), (80, 1, 1)), atol=1e-12)
@@ -289,7 +289,7 @@ def test_a_frame_without_extent_is_named(small_scene: Scene) -> None:
 
 def measure(scene: Scene, rank: int, cameras: Array | None = None, rotation_rank: int | None = None) -> dict:
     R = estimate_cameras(scene.tracks, rotation_rank or rank) if cameras is None else cameras
-    found = BMM(rank=rank).reconstruct(scene.tracks, R)
+    found = BMM(rank=rank).reconstruct(Observations(scene.tracks, R))
     return metrics.evaluate(scene, found, known_cameras=cameras is not None)
 
 
