@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.cameras import orbit
+from nrsfm.methods.base import Array
 from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
 from nrsfm.methods.multibody.problem import iterate
+from tests.benchmarks.timing import timed
+from tests.methods.parts import random_state
 
 SIZES = (116, 500, 1000)
 FRAMES = 100
@@ -17,40 +24,35 @@ FRAMES = 100
 def middle(P: int) -> tuple[DenseProblem, PrintedState]:
     """A problem of P tracks and a state in the middle of a solve."""
     rng = np.random.default_rng(0)
-    triple = lambda: rng.standard_normal((FRAMES, 3, P))  # noqa: E731
-    square = lambda: rng.standard_normal((P, P)) / P  # noqa: E731
     problem = DenseProblem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
-    return problem, PrintedState(
-        S=triple(),
-        shape=triple(),
-        C=square(),
-        E=square(),
-        Y1=triple(),
-        Y2=triple(),
-        Y3=square(),
-        Y4=np.zeros(P),
-        b=1.0,
-    )
+    state = random_state(rng, FRAMES, P)
+    scaled = {name: getattr(state, name) / (0.3 * P) for name in ("C", "E", "Y3")}
+    return problem, replace(state, **scaled, Y4=np.zeros(P), b=1.0)
 
 
-def structure_by_sylvester(problem: DenseProblem, state: PrintedState) -> np.ndarray:
+def structure_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     F, _, P = problem.W.shape
     b, M = state.b, np.eye(P) - state.C
     R = scipy.linalg.block_diag(*problem.cameras)
     flat = {name: getattr(state, name).reshape(3 * F, P) for name in ("shape", "Y1", "Y2")}
     rhs = R.T @ problem.W.reshape(2 * F, P) / b + flat["shape"] + flat["Y1"] / b - flat["Y2"] / b @ M.T
-    return scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs).reshape(F, 3, P)
+    S: Array = scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs).reshape(F, 3, P)
+    return S
 
 
-def code_by_sylvester(problem: DenseProblem, state: PrintedState) -> np.ndarray:
+def code_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     P, b = state.C.shape[0], state.b
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
     K = S.T @ S + ones
     rhs = K + S.T @ Y2 / b + state.E - state.Y3 / b - np.outer(np.ones(P), state.Y4) / b
-    return scipy.linalg.solve_sylvester(K, np.eye(P), rhs)
+    C: Array = scipy.linalg.solve_sylvester(K, np.eye(P), rhs)
+    return C
 
 
-STEPS = {
+Step = Callable[[DenseProblem, PrintedState], Array]
+
+
+STEPS: dict[str, tuple[Step, Step]] = {
     "structure": (lambda p, s: p.structure_step(s), structure_by_sylvester),
     "code": (lambda p, s: p.code_step(s), code_by_sylvester),
 }
@@ -59,11 +61,11 @@ STEPS = {
 @pytest.mark.parametrize("P", SIZES)
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("kind", ["closed form", "sylvester"])
-def test_step(benchmark, step: str, P: int, kind: str) -> None:
+def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None:
     benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
     solve = STEPS[step][kind == "sylvester"]
-    found = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
+    found = timed(benchmark, 3, 1, solve, problem, state)
     np.testing.assert_allclose(found, STEPS[step][0](problem, state), atol=1e-7)
 
 
@@ -92,8 +94,10 @@ def unavoidable(problem: DenseProblem, state: PrintedState) -> None:
 
 @pytest.mark.parametrize("P", SIZES)
 @pytest.mark.parametrize("kind", ["iteration", "its BLAS calls"])
-def test_iteration(benchmark, P: int, kind: str) -> None:
+def test_iteration(benchmark: BenchmarkFixture, P: int, kind: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
-    run = iterate if kind == "iteration" else unavoidable
-    benchmark.pedantic(run, (problem, state), rounds=5, warmup_rounds=1)
+    if kind == "iteration":
+        timed(benchmark, 5, 1, iterate, problem, state)
+    else:
+        timed(benchmark, 5, 1, unavoidable, problem, state)

@@ -11,12 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.methods.base import standardise
 from nrsfm.methods.multibody.implicit import ImplicitProblem, Multiplier
 from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
 from nrsfm.methods.multibody.problem import iterate
+from tests.benchmarks.timing import timed
+from tests.methods.parts import present
 
 FRAMES = 99
 FORMS: dict[str, dict[str, Any]] = {
@@ -30,7 +33,7 @@ def middle(P: int) -> tuple[ImplicitProblem, PrintedState]:
     """60 iterations into a solve of two surfaces, b = .3."""
     scene = procedural.load_scene(["face", "heart"], [P // 2, P - P // 2], FRAMES, 0, name="surfaces")
     W = standardise(scene.tracks).W
-    problem = ImplicitProblem(W, scene.cameras, 3e-3, 0.1, **FORMS["implicit, single"])
+    problem = ImplicitProblem(W, present(scene.cameras), 3e-3, 0.1, **FORMS["implicit, single"])
     state = problem.start(1e-3)
     for _ in range(60):
         state = iterate(problem, state)[0]
@@ -57,12 +60,12 @@ def structure(P: int) -> np.ndarray:
 
 @pytest.mark.parametrize("P", [1000, 3275])
 @pytest.mark.parametrize("form", ["dense", *FORMS])
-def test_iteration(benchmark, P: int, form: str) -> None:
+def test_iteration(benchmark: BenchmarkFixture, P: int, form: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
     problem: PrintedProblem
     problem, state = densified(P) if form == "dense" else middle(P)
     if isinstance(problem, ImplicitProblem):
         problem = replace(problem, **FORMS[form])
         benchmark.extra_info["entries of E a track"] = state.E.nnz / P
-    after = benchmark.pedantic(iterate, (problem, state), rounds=3, warmup_rounds=1)[0]
+    after: PrintedState = timed(benchmark, 3, 1, iterate, problem, state)[0]
     assert np.linalg.norm(after.S - structure(P)) < 1e-3 * np.linalg.norm(structure(P))

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_where_the_time_of_a_trial_goes(
     store.log(outcome, settings.trials / outcome.key)
 
     def each(what: Callable[[int], object]) -> float:
-        return min(_milliseconds(lambda i=i: what(i)) for i in range(1, TRIALS, 4))
+        return min(_milliseconds(partial(what, i)) for i in range(1, TRIALS, 4))
 
     def identity(i: int) -> None:
         storage.read_record(settings.trials / identify(trials[i], settings)[0])

@@ -15,6 +15,7 @@ from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.printed import MultiBody
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from nrsfm.methods.structure.bmm import BMM, fit_shape
+from tests.methods.parts import present
 
 METHODS = [
     BMM(max_iter=60),
@@ -135,8 +136,8 @@ def test_hidden_points_are_reconstructed(small_scene: Scene, visible: Mask, meth
     """Their error is of the order of what the same method has without gaps, and far below that of knowing nothing."""
     assert small_scene.cameras is not None and small_scene.structure is not None
     W, R, truth = small_scene.tracks, small_scene.cameras, small_scene.structure
-    whole = method.reconstruct(Observations(W, R), 2).structure
-    found = method.reconstruct(Observations(hidden(W, visible), R, visible), 2).structure
+    whole = present(method.reconstruct(Observations(W, R), 2).structure)
+    found = present(method.reconstruct(Observations(hidden(W, visible), R, visible), 2).structure)
     error, usual = (np.linalg.norm(S - truth, axis=1)[~visible].mean() for S in (found, whole))
     assert error < 3 * usual and error < 0.25 * np.linalg.norm(truth, axis=1)[~visible].mean()
 

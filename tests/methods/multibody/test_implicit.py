@@ -15,6 +15,7 @@ from nrsfm.methods.multibody.implicit import ImplicitProblem, _leading
 from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
 from nrsfm.methods.multibody.problem import Gaps, iterate
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from tests.methods.parts import present
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def scene() -> Scene:
 def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[PrintedProblem, ImplicitProblem]:
     """The dense and the implicit problem of one scene."""
     W = standardise(scene.tracks).W
-    arguments = (W, scene.cameras, 3e-3, 0.1)
+    arguments = (W, present(scene.cameras), 3e-3, 0.1)
     if not spatial:
         return DenseProblem(*arguments), ImplicitProblem(*arguments, dtype=dtype)
     neighbours = Neighbours(scene.edges, scene.n_points, spatial)

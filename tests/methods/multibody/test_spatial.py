@@ -13,13 +13,14 @@ from nrsfm.methods.base import MethodError, standardise
 from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
 from nrsfm.methods.multibody.problem import iterate, lagrangian
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from tests.methods.parts import present, random_state
 
 
 @pytest.fixture
 def problem(small_scene: Scene) -> SpatialProblem:
     neighbours = Neighbours(small_scene.edges, small_scene.n_points, 0.7)
     return SpatialProblem(
-        standardise(small_scene.tracks).W, small_scene.cameras, l1=0.01, l2=0.1, neighbours=neighbours
+        standardise(small_scene.tracks).W, present(small_scene.cameras), l1=0.01, l2=0.1, neighbours=neighbours
     )
 
 
@@ -27,20 +28,7 @@ def problem(small_scene: Scene) -> SpatialProblem:
 def state(problem: SpatialProblem, rng: np.random.Generator) -> PrintedState:
     """A random state."""
     F, _, P = problem.W.shape
-    wide = problem.neighbours.D.shape
-    triple = lambda: rng.standard_normal((F, 3, P))  # noqa: E731
-    several = lambda shape: 0.3 * rng.standard_normal(shape)  # noqa: E731
-    return PrintedState(
-        S=triple(),
-        shape=triple(),
-        C=several((P, P)),
-        E=several(wide),
-        Y1=triple(),
-        Y2=triple(),
-        Y3=several(wide),
-        Y4=rng.standard_normal(P),
-        b=0.7,
-    )
+    return random_state(rng, F, P, problem.neighbours.D.shape[1])
 
 
 def slope(problem: SpatialProblem, state: PrintedState, direction: np.ndarray, step: float = 1e-4) -> float:
@@ -97,10 +85,10 @@ def test_sparse_step_is_the_minimum_with_zero_diagonal(
 def test_without_weight_it_is_the_plain_problem(small_scene: Scene) -> None:
     """A vanishing weight leaves every iterate as it is without the term."""
     W = standardise(small_scene.tracks).W
-    plain = DenseProblem(W, small_scene.cameras, 3e-3, 0.1)
+    plain = DenseProblem(W, present(small_scene.cameras), 3e-3, 0.1)
     spatial = SpatialProblem(
         W,
-        small_scene.cameras,
+        present(small_scene.cameras),
         3e-3,
         0.1,
         neighbours=Neighbours(small_scene.edges, small_scene.n_points, 1e-9),
