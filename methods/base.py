@@ -107,7 +107,8 @@ class Reconstruction:
 class Method(BaseEstimator):  # type: ignore[misc]
     """Base class of all methods: hyper-parameters in the constructor, the work in :meth:`reconstruct`.
 
-    ``get_params`` and ``set_params`` are scikit-learn's.
+    ``get_params`` and ``set_params`` are scikit-learn's. ``@dataclass(eq=False, repr=False)`` writes a constructor that
+    stores its arguments and does nothing else, as scikit-learn demands.
 
     Attributes
     ----------

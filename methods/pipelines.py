@@ -6,7 +6,7 @@ first, a reconstructor (BMM, PTA).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -28,6 +28,7 @@ from nrsfm.methods.gaps import complete, enough
 from nrsfm.methods.structure.pta import trajectory_basis
 
 
+@dataclass(eq=False, repr=False)
 class ClusterTracks(Method):
     """Labels from the 2D tracks alone: SSC(2D), EDSC(2D).
 
@@ -46,10 +47,10 @@ class ClusterTracks(Method):
     uses_cameras = False
     handles_gaps = True
 
-    def __init__(self, clusterer: BaseEstimator, *, standardise: bool = True, projection: int | None = None) -> None:
-        self.clusterer = clusterer
-        self.standardise = standardise
-        self.projection = projection
+    clusterer: BaseEstimator
+    _: KW_ONLY
+    standardise: bool = True
+    projection: int | None = None
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in first."""
@@ -69,6 +70,7 @@ class ClusterTracks(Method):
         return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
+@dataclass(eq=False, repr=False)
 class ReconstructThenCluster(Method):
     """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
 
@@ -85,9 +87,8 @@ class ReconstructThenCluster(Method):
     provides = frozenset({"labels", "structure"})
     handles_gaps = True
 
-    def __init__(self, reconstructor: Method, clusterer: BaseEstimator) -> None:
-        self.reconstructor = reconstructor
-        self.clusterer = clusterer
+    reconstructor: Method
+    clusterer: BaseEstimator
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
@@ -102,6 +103,7 @@ class ReconstructThenCluster(Method):
         return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
 
 
+@dataclass(eq=False, repr=False)
 class ClusterThenReconstruct(Method):
     """SSC(2D)+BMM: cluster the tracks, then reconstruct each cluster.
 
@@ -124,10 +126,9 @@ class ClusterThenReconstruct(Method):
     provides = frozenset({"labels", "structure"})
     handles_gaps = True
 
-    def __init__(self, clusterer: BaseEstimator, reconstructor: Method, trajectory_order: int = 3) -> None:
-        self.clusterer = clusterer
-        self.reconstructor = reconstructor
-        self.trajectory_order = trajectory_order
+    clusterer: BaseEstimator
+    reconstructor: Method
+    trajectory_order: int = 3
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -10,6 +12,7 @@ from nrsfm.methods.clustering.clusterer import SubspaceClusterer, shape_interact
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 
 
+@dataclass(eq=False, repr=False)
 class EDSC(SubspaceClusterer):
     """Cluster points on a union of (affine) subspaces by their least-squares self-expression, in closed form.
 
@@ -33,22 +36,13 @@ class EDSC(SubspaceClusterer):
     Ji, Salzmann, Li, "Efficient dense subspace clustering", WACV 2014, eqs. (6) and (16), section 4.
     """
 
-    def __init__(
-        self,
-        n_clusters: int | None = 2,
-        *,
-        weight: float = 120.0,
-        affine: bool = True,
-        dimension: int = 4,
-        power: float = 4.0,
-        seed: int = 0,
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.weight = weight
-        self.affine = affine
-        self.dimension = dimension
-        self.power = power
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    weight: float = 120.0
+    affine: bool = True
+    dimension: int = 4
+    power: float = 4.0
+    seed: int = 0
 
     def _check_settings(self) -> None:
         check_positive(self, "weight", "power")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -12,6 +14,7 @@ from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 
+@dataclass(eq=False, repr=False)
 class LRR(SubspaceClusterer):
     """Cluster points on a union of subspaces by their self-expression of least rank.
 
@@ -43,22 +46,13 @@ class LRR(SubspaceClusterer):
     and theorem 4.1 without noise, eq. (10) with it, section 5.2 for the affinity.
     """
 
-    def __init__(
-        self,
-        n_clusters: int | None = 2,
-        *,
-        weight: float | None = 0.5,
-        power: float = 2.0,
-        max_iter: int = 1000,
-        tol: float = 1e-6,
-        seed: int = 0,
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.weight = weight
-        self.power = power
-        self.max_iter = max_iter
-        self.tol = tol
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    weight: float | None = 0.5
+    power: float = 2.0
+    max_iter: int = 1000
+    tol: float = 1e-6
+    seed: int = 0
 
     def _check_settings(self) -> None:
         check_positive(self, "power", "tol")

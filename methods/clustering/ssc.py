@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -11,6 +13,7 @@ from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
 
 
+@dataclass(eq=False, repr=False)
 class SSC(SubspaceClusterer):
     """Cluster points that lie on a union of (affine) subspaces by their sparse self-expression.
 
@@ -42,24 +45,14 @@ class SSC(SubspaceClusterer):
     and algorithm 2. The zero diagonal is part of the soft threshold here, which makes that step exact.
     """
 
-    def __init__(
-        self,
-        n_clusters: int | None = 2,
-        *,
-        alpha: float = 800.0,
-        affine: bool = True,
-        share: float = 1.0,
-        max_iter: int = 200,
-        tol: float = 2e-4,
-        seed: int = 0,
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.alpha = alpha
-        self.affine = affine
-        self.share = share
-        self.max_iter = max_iter
-        self.tol = tol
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    alpha: float = 800.0
+    affine: bool = True
+    share: float = 1.0
+    max_iter: int = 200
+    tol: float = 2e-4
+    seed: int = 0
 
     def _check_settings(self) -> None:
         check_positive(self, "alpha", "tol", "share")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from nrsfm.methods.numerics.linear import TINY
 BLOCK = 512  # points that are coded at once
 
 
+@dataclass(eq=False, repr=False)
 class SSCOMP(SubspaceClusterer):
     """Cluster points on a union of subspaces by a greedy code of each in a few others.
 
@@ -42,13 +45,11 @@ class SSCOMP(SubspaceClusterer):
     and 2.
     """
 
-    def __init__(
-        self, n_clusters: int | None = 2, *, n_nonzero: int = 20, residual: float = 1e-6, seed: int = 0
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.n_nonzero = n_nonzero
-        self.residual = residual
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    n_nonzero: int = 20
+    residual: float = 1e-6
+    seed: int = 0
 
     def _check_settings(self) -> None:
         check_count(self, "n_nonzero")

@@ -172,6 +172,7 @@ def whiten(Q: Array, w: Array, images: Array) -> Array:
     return w[:, None] * (Q.T @ images.reshape(len(Q), -1))
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class AdaptiveMultiBody(Method):
     """Ours: :class:`AdaptiveProblem` with weights from the noise sigma of the tracks.
 
@@ -205,30 +206,16 @@ class AdaptiveMultiBody(Method):
     handles_gaps = True
     version = "3"
 
-    def __init__(
-        self,
-        *,
-        l1: Sequence[float] = (0.1, 0.3),
-        whitening: Sequence[float] = (0.7, 0.5),
-        noise: float = 0.005,
-        floor: float = 0.02,
-        nuclear: float = 1.0,
-        expression: float = 10.0,
-        max_iter: int = 100,
-        tol: float = 1e-3,
-        diagonal: str = "threshold",
-        seed: int = 0,
-    ) -> None:
-        self.l1 = l1
-        self.whitening = whitening
-        self.noise = noise
-        self.floor = floor
-        self.nuclear = nuclear
-        self.expression = expression
-        self.max_iter = max_iter
-        self.tol = tol
-        self.diagonal = diagonal
-        self.seed = seed
+    l1: Sequence[float] = (0.1, 0.3)
+    whitening: Sequence[float] = (0.7, 0.5)
+    noise: float = 0.005
+    floor: float = 0.02
+    nuclear: float = 1.0
+    expression: float = 10.0
+    max_iter: int = 100
+    tol: float = 1e-3
+    diagonal: str = "threshold"
+    seed: int = 0
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""

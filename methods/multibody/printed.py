@@ -13,6 +13,7 @@ D = I for sparse tracks; :mod:`nrsfm.methods.multibody.spatial` has the D of den
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ CUTS = ("means", "cheapest")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class MultiBody(Method):
     """The paper's method.
 
@@ -85,38 +87,20 @@ class MultiBody(Method):
     handles_gaps = True
     version = "2"
 
-    def __init__(
-        self,
-        *,
-        l1: float = 3e-3,
-        l2: float = 0.1,
-        penalty: float = 1e-3,
-        growth: float = 1.1,
-        max_penalty: float = 1e3,
-        max_iter: int = 250,
-        tol: float = 1e-8,
-        diagonal: str = "threshold",
-        seed: int = 0,
-        cut: str = "means",
-        spatial: float = 0.0,
-        form: str = "auto",
-        dense_gb: float = 0.25,
-        precision: str = "double",
-    ) -> None:
-        self.l1 = l1
-        self.l2 = l2
-        self.penalty = penalty
-        self.growth = growth
-        self.max_penalty = max_penalty
-        self.max_iter = max_iter
-        self.tol = tol
-        self.diagonal = diagonal
-        self.seed = seed
-        self.cut = cut
-        self.spatial = spatial
-        self.form = form
-        self.dense_gb = dense_gb
-        self.precision = precision
+    l1: float = 3e-3
+    l2: float = 0.1
+    penalty: float = 1e-3
+    growth: float = 1.1
+    max_penalty: float = 1e3
+    max_iter: int = 250
+    tol: float = 1e-8
+    diagonal: str = "threshold"
+    seed: int = 0
+    cut: str = "means"
+    spatial: float = 0.0
+    form: str = "auto"
+    dense_gb: float = 0.25
+    precision: str = "double"
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""

@@ -55,6 +55,7 @@ class ShapeFit:
     iterations: int
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class BMM(Method):
     """min |S#|_* + 1/(2 l2) |W - R S|^2 with given cameras; l2 = 0 demands R S = W.
 
@@ -72,11 +73,10 @@ class BMM(Method):
     provides = frozenset({"structure"})
     handles_gaps = True
 
-    def __init__(self, *, l2: float = 0.0, rank: int | None = None, max_iter: int = 6000, tol: float = 1e-4) -> None:
-        self.l2 = l2
-        self.rank = rank
-        self.max_iter = max_iter
-        self.tol = tol
+    l2: float = 0.0
+    rank: int | None = None
+    max_iter: int = 6000
+    tol: float = 1e-4
 
     def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""

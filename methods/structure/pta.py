@@ -6,12 +6,15 @@ representation for nonrigid structure from motion", PAMI 2011.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.fft
 
 from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Reconstruction, check_count, standardise
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class PTA(Method):
     """Point trajectory approach: S# = Theta A, with Theta the first K vectors of the discrete cosine transform.
 
@@ -24,8 +27,7 @@ class PTA(Method):
     provides = frozenset({"structure"})
     handles_gaps = True
 
-    def __init__(self, *, rank: int = 9) -> None:
-        self.rank = rank
+    rank: int = 9
 
     def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""

@@ -43,7 +43,7 @@ def test_an_implicit_trial_keeps_its_affinity_sparse(settings: Settings) -> None
     assert not list(steps(settings.output, "s")), "no trial is running any more"
 
 
-def test_a_trial_that_does_not_fit_is_refused_with_the_remedy(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_fit_is_refused_with_the_remedy(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [*SURFACES[:1], "dataset.points=4000", "dataset.frames=10", "method=ours_c", "method.form=dense"]
     trial, composed = expand([*words, "limits.memory_gb=1"])[0]
     outcome, _ = execute(trial, replace(settings, memory_gb=1.0))
