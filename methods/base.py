@@ -1,4 +1,4 @@
-"""What every method takes and gives: arrays in, Reconstruction out."""
+"""What every method takes and gives: Observations in, Reconstruction out."""
 
 from __future__ import annotations
 
@@ -29,17 +29,59 @@ Progress = Callable[[int, int, Mapping[str, float]], None]
 DIAGONALS = ("threshold", "exact", "paper")
 
 
-#: Takes the place of cameras where a method uses none.
-NO_CAMERAS: Array = np.empty((0, 2, 3))
-
-
 class MethodError(ValueError):
     """Input or settings that a method cannot work with. The message is one line with the remedy."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """The input of a method: image tracks of one scene and what is known about them.
+
+    Parameters
+    ----------
+    tracks : (F, 2, P) array
+        Image coordinates, finite where they are visible.
+    cameras : (F, 2, 3) array or None
+        Orthographic cameras with orthonormal rows, R_f R_f' = I, known or estimated.
+    visible : (F, P) bool array or None
+        False where a track is not observed; its position there may be NaN. None means that all are observed.
+    edges : (E, 2) int array or None
+        Pairs of neighbouring tracks, for methods with a spatial term.
+    progress : callable or None
+        Called after every iteration of long work.
+
+    Raises
+    ------
+    MethodError
+        If a shape does not fit, a visible position is not finite, a camera's rows are not orthonormal, or a frame or
+        track is observed less than twice.
+    """
+
+    tracks: Array
+    cameras: Array | None = None
+    visible: Mask | None = None
+    edges: NDArray[np.int64] | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        check_tracks(self.tracks, self.visible)
+        if self.cameras is not None:
+            check_cameras(self.cameras, len(self.tracks))
+
+    def required_cameras(self) -> Array:
+        """The cameras, for a method that cannot do without; MethodError if there are none."""
+        if self.cameras is None:
+            raise MethodError("the method needs cameras and there are none; estimate them from the tracks")
+        return self.cameras
+
+    def stage(self, name: str) -> None:
+        """Report the start of a stage of the work, such as ``clustering``."""
+        stage(self.progress, name)
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """What a method found. Absent parts are None: a method never fills in what it does not compute.
+    """The result of a method. Absent parts are None: a method never fills in what it does not compute.
 
     Parameters
     ----------
@@ -52,8 +94,7 @@ class Reconstruction:
     affinity : (P, P) array, sparse array or None
         What was clustered.
     history : mapping of str to (T,) array
-        Curves by iteration: ``objective``, residuals, and what the iteration took: ``seconds`` of all cores and
-        ``operations``.
+        Curves by iteration: ``objective``, residuals, ``seconds`` of CPU time and ``operations``.
     """
 
     labels: Labels | None = None
@@ -63,74 +104,67 @@ class Reconstruction:
     history: Mapping[str, Array] = field(default_factory=dict)
 
 
-class Method(BaseEstimator):
-    """A method: hyper-parameters in the constructor, work in :meth:`reconstruct`.
+class Method(BaseEstimator):  # type: ignore[misc]
+    """Base class of all methods: hyper-parameters in the constructor, the work in :meth:`reconstruct`.
 
-    ``get_params`` and ``set_params`` are scikit-learn's. ``provides`` names the parts of the Reconstruction
-    that the method computes, of ``labels`` and ``structure``. ``version`` is raised whenever results change, so
-    that finished trials of the version before are not taken for those of this one. A method whose ``uses_cameras``
-    is false runs on scenes without cameras, and none are estimated for it.
+    ``get_params`` and ``set_params`` are scikit-learn's. ``@dataclass(eq=False, repr=False)`` writes a constructor that
+    stores its arguments and does nothing else, as scikit-learn demands.
+
+    Attributes
+    ----------
+    provides : frozenset of str
+        The parts of the Reconstruction that the method computes: ``labels``, ``structure`` or both.
+    uses_cameras : bool
+        False for a method that runs on scenes without cameras; none are estimated for it.
+    handles_gaps : bool
+        True for a method that reads ``visible``. Others are never given tracks with gaps.
+    version : str
+        To be raised whenever results change, so that finished trials are run again.
     """
 
     provides: ClassVar[frozenset[str]] = frozenset()
     uses_cameras: ClassVar[bool] = True
+    handles_gaps: ClassVar[bool] = False
     version: ClassVar[str] = "1"
 
     @abstractmethod
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """Reconstruct and segment.
 
         Parameters
         ----------
-        tracks : (F, 2, P) array
-            Image coordinates, finite where they are visible.
-        cameras : (F, 2, 3) array
-            Orthographic cameras with orthonormal rows, known or estimated; :data:`NO_CAMERAS` for a method
-            that uses none.
+        observations : Observations
+            Checked already; arrays are not to be written to.
         n_bodies : int or None
             Number of clusters, at least 1; None when it is to be estimated.
-        visible : (F, P) bool array, optional
-            False where a track is not observed, and its position is NaN; all are by default.
-        edges : (E, 2) int array, optional
-            Neighbouring tracks, for methods with a spatial term.
-        progress : callable, optional
-            Told of every iteration of long work.
 
         Raises
         ------
         MethodError
-            If shapes do not fit or the method cannot do what is asked.
+            If a setting is wrong, or the method cannot work with the number of bodies.
         """
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float | None:
-        """Bytes that :meth:`reconstruct` is going to take at its peak, foreseen from the sizes; None if not known."""
+        """Peak memory of :meth:`reconstruct` in bytes, forecast from the sizes; None if not known."""
         return None
 
 
+def check_gap_handling(method: Method, visible: Mask | None) -> None:
+    """Raise MethodError if tracks have gaps and the method does not declare that it handles them."""
+    if visible is not None and not method.handles_gaps:
+        raise MethodError(
+            f"{type(method).__name__} cannot work with gaps in the tracks (handles_gaps is False); take another method"
+        )
+
+
 def stage(progress: Progress | None, name: str) -> None:
-    """Tell whoever follows what is being done now: ``structure``, ``clustering``.
-
-    A progress that has a method ``stage`` is told; a plain function hears of iterations alone.
-    """
-    tell = getattr(progress, "stage", None)
-    if tell is not None:
-        tell(name)
+    """Report the start of a stage, such as ``clustering``, if ``progress`` has a method ``stage``."""
+    report = getattr(progress, "stage", None)
+    if report is not None:
+        report(name)
 
 
-def no_edges() -> NDArray[np.int64]:
-    return np.zeros((0, 2), dtype=np.int64)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Standardised:
     """Tracks centred per frame and scaled to unit mean per-row standard deviation."""
 
@@ -142,20 +176,18 @@ def standardise(tracks: Array, visible: Mask | None = None) -> Standardised:
     """Centre (F, 2, P) tracks per frame and scale them to unit mean per-row standard deviation.
 
     Centred tracks obey W = R S without a translation (Kumar, Dai, Li, 3DV 2016, eq. 1). The weights of the methods
-    assume these units. Where ``visible`` (F, P) is False nothing counts, and W is 0.
+    assume these units. Positions that are not visible do not count, and W is 0 there.
 
     Raises
     ------
     MethodError
-        If the tracks are not an (F, 2, P) array, finite where they are visible, or all coincide; or as
-        :func:`check_gaps`.
+        As :func:`check_tracks`, or if all tracks coincide.
     """
+    check_tracks(tracks, visible)
     if visible is None:
-        check_tracks(tracks)
         W = tracks - tracks.mean(axis=2, keepdims=True)
         scale = float(W.std(axis=2).mean())
     else:
-        check_gaps(tracks, visible)
         seen = np.where(visible[:, None], tracks, np.nan)
         W = np.nan_to_num(seen - np.nanmean(seen, axis=2, keepdims=True))
         scale = float(np.nanstd(seen, axis=2).mean())
@@ -164,41 +196,55 @@ def standardise(tracks: Array, visible: Mask | None = None) -> Standardised:
     return Standardised(W / scale, scale)
 
 
-def check_setting(owner: object, name: str, low: float, *, strict: bool = True, whole: bool = False) -> None:
-    """Raise MethodError unless a hyper-parameter is a finite number above ``low`` (or at least it, if not strict)."""
-    value = getattr(owner, name)
-    kind = int if whole else int | float
-    fits = isinstance(value, kind) and not isinstance(value, bool) and abs(value) < float("inf")
-    if not fits or value < low or (strict and value == low):
-        wanted = f"a {'whole ' if whole else ''}number {'>' if strict else '>='} {low:g}"
-        raise MethodError(f"{type(owner).__name__}: {name} is {value!r}, wanted {wanted}")
+def check_positive(owner: object, *names: str) -> None:
+    """Raise MethodError unless each of these hyper-parameters is a finite number above 0."""
+    for name in names:
+        value = getattr(owner, name)
+        _check(owner, name, _is_number(value) and value > 0, "a number > 0")
+
+
+def check_at_least(owner: object, least: float, *names: str) -> None:
+    """Raise MethodError unless each of these hyper-parameters is a finite number of at least ``least``."""
+    for name in names:
+        value = getattr(owner, name)
+        _check(owner, name, _is_number(value) and value >= least, f"a number >= {least:g}")
+
+
+def check_count(owner: object, *names: str) -> None:
+    """Raise MethodError unless each of these hyper-parameters is a whole number of at least 1."""
+    for name in names:
+        value = getattr(owner, name)
+        _check(owner, name, _is_number(value) and isinstance(value, int) and value >= 1, "a whole number >= 1")
 
 
 def check_word(owner: object, name: str, words: Sequence[str]) -> None:
     """Raise MethodError unless a hyper-parameter is one of some words."""
-    if getattr(owner, name) not in words:
-        raise MethodError(f"method.{name} is {getattr(owner, name)!r}, wanted one of {', '.join(words)}")
+    _check(owner, name, getattr(owner, name) in words, f"one of {', '.join(words)}")
 
 
-def check_tracks(tracks: Array) -> None:
-    """Raise MethodError unless the tracks are a finite (F, 2, P) array."""
-    check_shape(tracks)
-    if not np.isfinite(tracks).all():
-        raise MethodError("tracks hold NaN or infinite values; remove those tracks or frames, or say what is visible")
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
 
 
-def check_shape(tracks: Array) -> None:
-    """Raise MethodError unless the tracks are an (F, 2, P) array of some frames and points."""
+def _check(owner: object, name: str, fits: bool, wanted: str) -> None:
+    if not fits:
+        raise MethodError(f"{type(owner).__name__}: {name} is {getattr(owner, name)!r}, wanted {wanted}")
+
+
+def check_tracks(tracks: Array, visible: Mask | None = None) -> None:
+    """Raise MethodError unless tracks are (F, 2, P) and finite where visible, and every frame and track is seen twice.
+
+    ``visible`` is an (F, P) mask, or None where everything is observed.
+    """
     if tracks.ndim != 3 or tracks.shape[1] != 2 or 0 in tracks.shape:
         raise MethodError(f"tracks have shape {tracks.shape}, wanted (frames, 2, points)")
-
-
-def check_gaps(tracks: Array, visible: Mask) -> None:
-    """Raise MethodError unless the mask fits (F, 2, P) tracks, which are finite where it says so, and sees enough.
-
-    Every frame must show two points and every track two frames.
-    """
-    if tracks.ndim != 3 or tracks.shape[1] != 2 or visible.shape != (tracks.shape[0], tracks.shape[2]):
+    if visible is None:
+        if not np.isfinite(tracks).all():
+            raise MethodError(
+                "tracks hold NaN or infinite values; remove those tracks or frames, or say what is visible"
+            )
+        return
+    if visible.shape != (tracks.shape[0], tracks.shape[2]):
         raise MethodError(f"tracks have shape {tracks.shape} and visible {visible.shape}, wanted (F, 2, P) and (F, P)")
     if not np.isfinite(tracks.transpose(0, 2, 1)[visible]).all():
         raise MethodError("visible tracks hold NaN or infinite values; mark them as not visible")
@@ -217,9 +263,8 @@ def check_cameras(cameras: Array, n_frames: int) -> None:
 
 
 def check_bodies(n_bodies: int | None, n_points: int, least: int = 2) -> None:
-    """Raise MethodError unless tracks can be told apart into that many bodies, None for an unknown number."""
+    """Raise MethodError unless the tracks can be split into that many bodies; None, for an unknown number, passes."""
     if n_bodies is not None and not least <= n_bodies <= n_points:
         raise MethodError(
-            f"asked to tell {n_points} tracks apart into {n_bodies} bodies; segmentation needs {least} to {n_points} "
-            "bodies"
+            f"{n_points} tracks cannot be split into {n_bodies} bodies; segmentation needs {least} to {n_points} bodies"
         )

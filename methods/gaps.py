@@ -1,14 +1,16 @@
-"""Tracks with gaps: what is not observed counts in no residual, and is filled in only where a method needs it whole.
+"""Tracks with gaps: residuals over the visible positions, and completion for methods that need whole tracks.
 
-An orthographic image fixes structure up to a translation t_f of each frame. Without gaps t_f is the centroid; with gaps
-it is unknown, so that residuals are taken after the translation that suits the visible points best.
+An orthographic image fixes structure up to a translation t_f of each frame. Without gaps t_f is the centroid. With gaps
+it is unknown, so residuals are taken after the translation that fits the visible points best.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from nrsfm.methods.base import Array, Mask, check_gaps
+from nrsfm.methods.base import Array, Mask, check_tracks
+from nrsfm.methods.numerics.admm import Admm
+from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 
@@ -19,22 +21,28 @@ def misfit(W: Array, X: Array, visible: Mask | None) -> Array:
     """
     if visible is None:
         return W - X
+    return np.where(visible[:, None], W - X - translation(W, X, visible), 0)
+
+
+def translation(W: Array, X: Array, visible: Mask) -> Array:
+    """t (F, 2, 1), the mean of W - X over the visible points of each frame."""
     D = np.where(visible[:, None], W - X, 0)
-    t = D.sum(axis=2, keepdims=True) / visible.sum(axis=1)[:, None, None]
-    return np.where(visible[:, None], D - t, 0)
+    t: Array = D.sum(axis=2, keepdims=True) / visible.sum(axis=1)[:, None, None]
+    return t
 
 
 def enough(visible: Mask) -> Mask:
-    """A mask that also takes completed positions for seen, in frames of which it sees fewer than two points.
+    """The mask with all points marked visible in frames that show fewer than two.
 
-    For a cluster of tracks that are hidden at once: a frame that shows nothing says nothing of its own translation.
+    For a cluster of tracks that are hidden at once: a frame that shows nothing does not determine its translation, so
+    completed positions are used there.
     """
-    few = visible.sum(axis=1) < 2
-    return visible | few[:, None]
+    mask: Mask = visible | (visible.sum(axis=1) < 2)[:, None]
+    return mask
 
 
 def fill(W: Array, X: Array, visible: Mask) -> Array:
-    """Centred tracks: what is visible of W, and X, centred, where it is not.
+    """Centred tracks: W where it is visible, and the centred X where it is not.
 
     With t as in :func:`misfit` this is W - t 1' completed by X: the minimiser over the hidden entries of
     |W - X - t 1'|^2.
@@ -44,7 +52,7 @@ def fill(W: Array, X: Array, visible: Mask) -> Array:
 
 
 def complete(tracks: Array, visible: Mask | None, *, max_iter: int = 1000, tol: float = 1e-4) -> Array:
-    """Complete tracks without cameras, by the least nuclear norm.
+    """Complete tracks without cameras, by the least nuclear norm of the result.
 
         min |X|_*  s.t.  X + t 1' = W where visible
 
@@ -69,7 +77,7 @@ def complete(tracks: Array, visible: Mask | None, *, max_iter: int = 1000, tol: 
     Raises
     ------
     MethodError
-        As :func:`check_gaps`.
+        As :func:`nrsfm.methods.base.check_tracks`.
 
     References
     ----------
@@ -77,25 +85,17 @@ def complete(tracks: Array, visible: Mask | None, *, max_iter: int = 1000, tol: 
     """
     if visible is None:
         return tracks
-    check_gaps(tracks, visible)
+    check_tracks(tracks, visible)
     F, _, P = tracks.shape
     W = np.where(visible[:, None], tracks, 0)
-    Z = misfit(W, np.zeros_like(W), visible)
-    size = max(float(np.linalg.norm(Z)), float(np.finfo(float).tiny))
-    b = 20.0 / max(float(np.linalg.norm(Z.reshape(2 * F, P), 2)), float(np.finfo(float).tiny))
+    X = Z = misfit(W, np.zeros_like(W), visible)
+    size = max(float(np.linalg.norm(Z)), TINY)
     Y = np.zeros_like(Z)  # scaled multiplier of the split
-    X = Z
-    for iteration in range(1, max_iter + 1):
+    admm = Admm(max_iter, tol, 20.0 / max(float(np.linalg.norm(Z.reshape(2 * F, P), 2)), TINY))
+    for b in admm:
         X = fill(W, Z + Y, visible)
         before = Z
         Z = singular_value_threshold((X - Y).reshape(2 * F, P), 1 / b)[0].reshape(F, 2, P)
         Y = Y + Z - X
-        primal, dual = float(np.linalg.norm(Z - X)) / size, float(np.linalg.norm(Z - before)) / size
-        if max(primal, dual) < tol:
-            break
-        if iteration % 10 == 0 and iteration < max_iter // 2:
-            factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
-            b *= factor
-            Y = Y / factor
-    t = np.where(visible[:, None], W - X, 0).sum(axis=2, keepdims=True) / visible.sum(axis=1)[:, None, None]
-    return np.where(visible[:, None], tracks, X + t)
+        Y /= admm.balance(float(np.linalg.norm(Z - X)) / size, float(np.linalg.norm(Z - before)) / size)
+    return np.where(visible[:, None], tracks, X + translation(W, X, visible))

@@ -1,36 +1,34 @@
-"""Clustering in 2D, and the two-stage pipelines of reconstruction and clustering.
+"""Clustering in 2D, and the pipelines of reconstruction and clustering.
 
-Each is composed of a clusterer (SSC, SSC-OMP, EDSC, LRR: scikit-learn estimators on tracks as samples) and a
-reconstructor (BMM, PTA).
+Each is composed of a clusterer (SSC, SSC-OMP, EDSC, LRR: scikit-learn estimators on tracks as samples) and, but for the
+first, a reconstructor (BMM, PTA).
 """
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass, replace
+
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
 from nrsfm.methods.base import (
     Array,
     Labels,
-    Mask,
     Method,
     MethodError,
-    Progress,
+    Observations,
     Reconstruction,
     check_bodies,
-    check_cameras,
-    check_shape,
-    check_tracks,
-    stage,
+    check_gap_handling,
     standardise,
 )
+from nrsfm.methods.clustering.clusterer import Code
 from nrsfm.methods.gaps import complete, enough
 from nrsfm.methods.structure.pta import trajectory_basis
 
 
+@dataclass(eq=False, repr=False)
 class ClusterTracks(Method):
     """Labels from the 2D tracks alone: SSC(2D), EDSC(2D).
 
@@ -39,41 +37,31 @@ class ClusterTracks(Method):
     clusterer : estimator
         With ``n_clusters``, ``fit``, ``labels_`` and ``affinity_matrix_``.
     standardise : bool
-        Centre the tracks and scale them to unit spread first. Off takes them as they are, as the authors of SSC and
-        EDSC do: the weights of both depend on where the origin is, and that of EDSC on the unit too.
+        Centre the tracks and scale them to unit spread first. False takes them as they are, as the authors of SSC and
+        EDSC do: the weights of both depend on the origin, and that of EDSC on the unit too.
     projection : int, optional
         Project each track onto the first ``projection * n_bodies`` principal directions; None keeps all.
     """
 
     provides = frozenset({"labels"})
     uses_cameras = False
+    handles_gaps = True
 
-    def __init__(self, clusterer: BaseEstimator, *, standardise: bool = True, projection: int | None = None) -> None:
-        self.clusterer = clusterer
-        self.standardise = standardise
-        self.projection = projection
+    clusterer: BaseEstimator
+    _: KW_ONLY
+    standardise: bool = True
+    projection: int | None = None
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
-        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the cameras play no part, and gaps are filled in first."""
-        stage(progress, "clustering" if visible is None else "gaps")
-        tracks = complete(tracks, visible)
-        check_tracks(tracks)
-        check_bodies(n_bodies, tracks.shape[2])
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in first."""
+        check_bodies(n_bodies, observations.tracks.shape[2])
+        tracks = _complete(observations)
         W = standardise(tracks).W if self.standardise else tracks
         if self.projection is not None:
             if n_bodies is None:
                 raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
             W = principal(W, self.projection * n_bodies)
-        stage(progress, "clustering")
+        observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, W, n_bodies)
         return Reconstruction(labels=labels, affinity=affinity)
 
@@ -82,6 +70,7 @@ class ClusterTracks(Method):
         return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
+@dataclass(eq=False, repr=False)
 class ReconstructThenCluster(Method):
     """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
 
@@ -96,39 +85,29 @@ class ReconstructThenCluster(Method):
     """
 
     provides = frozenset({"labels", "structure"})
+    handles_gaps = True
 
-    def __init__(self, reconstructor: Method, clusterer: BaseEstimator) -> None:
-        self.reconstructor = reconstructor
-        self.clusterer = clusterer
+    reconstructor: Method
+    clusterer: BaseEstimator
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
-        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the structure has no gaps left to cluster."""
-        check_shape(tracks)
-        check_bodies(n_bodies, tracks.shape[2])
-        structure = _structure(self.reconstructor, tracks, cameras, visible, progress)
-        stage(progress, "clustering")
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
+        check_bodies(n_bodies, observations.tracks.shape[2])
+        structure = _structure(self.reconstructor, observations)
+        observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
-        return Reconstruction(labels=labels, structure=structure, cameras=cameras, affinity=affinity)
+        return Reconstruction(labels=labels, structure=structure, cameras=observations.cameras, affinity=affinity)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """See :meth:`nrsfm.methods.base.Method.memory`."""
-        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
-        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
+        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
 
 
+@dataclass(eq=False, repr=False)
 class ClusterThenReconstruct(Method):
     """SSC(2D)+BMM: cluster the tracks, then reconstruct each cluster.
 
-    A cluster's reconstruction is centred, so its centroid is lifted apart: the 3D centroid trajectory is the
+    A cluster's reconstruction is centred, so its centroid is lifted separately: the 3D centroid trajectory is the
     least-squares fit of the 2D centroid track on a low-order DCT basis, exact for a constant offset between bodies.
 
     Parameters
@@ -145,55 +124,44 @@ class ClusterThenReconstruct(Method):
     """
 
     provides = frozenset({"labels", "structure"})
+    handles_gaps = True
 
-    def __init__(self, clusterer: BaseEstimator, reconstructor: Method, trajectory_order: int = 3) -> None:
-        self.clusterer = clusterer
-        self.reconstructor = reconstructor
-        self.trajectory_order = trajectory_order
+    clusterer: BaseEstimator
+    reconstructor: Method
+    trajectory_order: int = 3
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
-        check_cameras(cameras, len(tracks))
-        stage(progress, "clustering" if visible is None else "gaps")
-        data = standardise(complete(tracks, visible))
-        stage(progress, "clustering")
+        cameras, visible = observations.required_cameras(), observations.visible
+        check_bodies(n_bodies, observations.tracks.shape[2])
+        data = standardise(_complete(observations))
+        observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
-        structure = np.empty((tracks.shape[0], 3, tracks.shape[2]))
+        structure = np.empty((len(data.W), 3, len(labels)))
         for label in np.unique(labels):
-            mine = labels == label
-            W = data.W[:, :, mine]
+            members = labels == label
+            W = data.W[:, :, members]
             centroid = lift(W.mean(axis=2), cameras, self.trajectory_order)
-            structure[:, :, mine] = centroid[:, :, None]
-            if mine.sum() > 1 and np.ptp(W, axis=2).max() > 0:  # one point, or one place, is its centroid alone
-                seen = None if visible is None else enough(visible[:, mine])
-                structure[:, :, mine] += _structure(self.reconstructor, W, cameras, seen, progress)
+            structure[:, :, members] = centroid[:, :, None]
+            if members.sum() > 1 and np.ptp(W, axis=2).max() > 0:  # else all its points are at the centroid
+                seen = None if visible is None else enough(visible[:, members])
+                part = replace(observations, tracks=W, visible=seen, edges=None)
+                structure[:, :, members] += _structure(self.reconstructor, part)
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """See :meth:`nrsfm.methods.base.Method.memory`."""
-        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
-        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
+        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
 
 
-def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Array | sp.sparray]:
+def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Code]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
 
-    The columns of W or S on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4). The
-    clusterer estimates a number of bodies that is None.
+    The columns of W or S lie on a union of affine subspaces, S = S C and 1'C = 1': Kumar, Dai, Li, 3DV 2016, eq. (4).
+    Where ``n_bodies`` is None the clusterer estimates it.
     """
-    n_points = trajectories.shape[-1]
-    check_bodies(n_bodies, n_points)
-    samples = trajectories.reshape(-1, n_points).T
+    samples = trajectories.reshape(-1, trajectories.shape[-1]).T
     try:
         fitted = clone(clusterer).set_params(n_clusters=n_bodies).fit(samples)
     except ValueError as error:
@@ -202,11 +170,14 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None)
 
 
 def clusterer_bytes(clusterer: BaseEstimator, n_points: int, n_features: int) -> float:
-    """Bytes that a clusterer takes at its peak: what it foresees itself, or the eleven P x P arrays of SSC and EDSC, as
-    measured.
-    """
-    own = getattr(clusterer, "memory", None)
-    return own(n_points, n_features) if own else 8.0 * 11 * n_points**2
+    """Peak memory of a clusterer in bytes: its own forecast, or the eleven P x P arrays that SSC and EDSC take."""
+    forecast = getattr(clusterer, "memory", None)
+    return float(forecast(n_points, n_features)) if forecast else 8.0 * 11 * n_points**2
+
+
+def _pipeline_bytes(reconstructor: Method, clusterer: BaseEstimator, n_frames: int, n_points: int) -> float:
+    structure = reconstructor.memory(n_frames, n_points) or 0.0
+    return structure + clusterer_bytes(clusterer, n_points, 3 * n_frames)
 
 
 def principal(trajectories: Array, dimension: int) -> Array:
@@ -230,7 +201,8 @@ def principal(trajectories: Array, dimension: int) -> Array:
         raise MethodError(f"projection to {dimension} dimensions, wanted a whole number of at least 1")
     X = trajectories.reshape(-1, trajectories.shape[-1])
     _, s, Vt = scipy.linalg.svd(X, full_matrices=False, check_finite=False)
-    return s[:dimension, None] * Vt[:dimension]
+    coordinates: Array = s[:dimension, None] * Vt[:dimension]
+    return coordinates
 
 
 def lift(centroid: Array, cameras: Array, order: int) -> Array:
@@ -255,13 +227,21 @@ def lift(centroid: Array, cameras: Array, order: int) -> Array:
     basis = trajectory_basis(F, order)
     system = np.einsum("fij,fk->fijk", cameras, basis).reshape(2 * F, 3 * order)
     weights = np.linalg.lstsq(system, centroid.reshape(2 * F), rcond=None)[0]
-    return basis @ weights.reshape(3, order).T
+    trajectory: Array = basis @ weights.reshape(3, order).T
+    return trajectory
 
 
-def _structure(
-    reconstructor: Method, tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None
-) -> Array:
-    structure = reconstructor.reconstruct(tracks, cameras, 1, visible=visible, progress=progress).structure
+def _complete(observations: Observations) -> Array:
+    """The tracks with their gaps filled in without cameras."""
+    if observations.visible is not None:
+        observations.stage("gaps")
+    return complete(observations.tracks, observations.visible)
+
+
+def _structure(reconstructor: Method, observations: Observations) -> Array:
+    """The structure of the tracks as one body."""
+    check_gap_handling(reconstructor, observations.visible)
+    structure = reconstructor.reconstruct(observations, 1).structure
     if structure is None:
         raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")
     return structure

@@ -1,7 +1,7 @@
 """Methods and their parts by the names that configurations use.
 
-A module ``methods/NAME.py`` with one class needs no entry here. An installed package adds its own under the entry
-point group ``nrsfm.methods``, ``NAME = "package.module:Class"``.
+A module ``methods/NAME.py`` with one class needs no entry here. An installed package adds methods by entry points of
+the group ``nrsfm.methods``, ``NAME = "package.module:Class"``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from nrsfm.methods import ENTRY_POINTS
+from nrsfm import methods
 from nrsfm.methods.base import Method, MethodError
 from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.clustering.lrr import LRR
@@ -44,44 +44,44 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
 
 
 def algorithm(name: object) -> type[BaseEstimator]:
-    """The class of a name: ours, that of ``methods/NAME.py``, or an installed package's.
+    """The class of a name: of this package, of ``methods/NAME.py``, or of an installed package.
 
     Raises
     ------
     MethodError
-        If there is none, with the names that there are; or if what is there cannot be imported or is no method.
+        If no class has the name, with the names that there are; or if the class cannot be imported or is no estimator.
     """
     if name in ALGORITHMS:
         return ALGORITHMS[str(name)]
     word = str(name)
-    if own := _of_module(word):
-        return own
-    theirs = others()
-    if name not in theirs:  # it may have come since
+    if kind := _of_module(word):
+        return kind
+    if word not in others():  # a package may have been installed since
         others.cache_clear()
-        theirs = others()
-    if name not in theirs:
-        raise MethodError(f"method.algorithm is {name!r}, which is none of {', '.join([*ALGORITHMS, *sorted(theirs)])}")
-    return _of_package(theirs[word])
+    if word not in others():
+        names = ", ".join([*ALGORITHMS, *sorted(others())])
+        raise MethodError(f"method.algorithm is {name!r}, which is none of {names}")
+    return _of_package(others()[word])
 
 
 def provider(name: object) -> EntryPoint | None:
-    """The entry point of the installed package that brings an algorithm; None for one of ours, or for none.
+    """The entry point of the installed package that has an algorithm; None for one of this package, or for none.
 
-    Raises MethodError if a module of ours has the name and cannot be imported.
+    Raises MethodError if ``methods/NAME.py`` exists and cannot be imported.
     """
     return None if name in ALGORITHMS or _of_module(str(name)) else others().get(str(name))
 
 
 def _of_module(name: str) -> type[BaseEstimator] | None:
-    """The one public estimator that ``methods/NAME.py`` defines; None if it defines none, or is not there."""
-    if not (name.isidentifier() and find_spec(f"nrsfm.methods.{name}")):
+    """The one public estimator that ``methods/NAME.py`` defines; None if there is no such module or estimator."""
+    path = f"{methods.__name__}.{name}"
+    if not (name.isidentifier() and find_spec(path)):
         return None
     try:
-        module = import_module(f"nrsfm.methods.{name}")
+        module = import_module(path)
     except Exception as error:
         raise MethodError(f"methods/{name}.py cannot be imported: {type(error).__name__}: {error}") from error
-    found = [
+    kinds = [
         kind
         for kind in vars(module).values()
         if isinstance(kind, type)
@@ -89,63 +89,66 @@ def _of_module(name: str) -> type[BaseEstimator] | None:
         and kind.__module__ == module.__name__
         and not kind.__name__.startswith("_")
     ]
-    if len(found) > 1:
-        names = ", ".join(kind.__name__ for kind in found)
+    if len(kinds) > 1:
+        names = ", ".join(kind.__name__ for kind in kinds)
         raise MethodError(f"methods/{name}.py defines {names}; wanted one class, or entries in methods/registry.py")
-    return found[0] if found else None
+    return kinds[0] if kinds else None
 
 
 def _of_package(entry: EntryPoint) -> type[BaseEstimator]:
-    """The class that an installed package declares."""
+    """The class of an installed package's entry point."""
     package = entry.dist.name if entry.dist else "?"
     where = f"method {entry.name} of the installed package {package}"
     try:
-        found = entry.load()
+        kind = entry.load()
     except Exception as error:
         raise MethodError(
             f"{where} cannot be imported: {type(error).__name__}: {error}; mend it or uninstall {package}"
         ) from error
-    if not (isinstance(found, type) and issubclass(found, BaseEstimator)):
-        raise MethodError(f"{where} is {found!r}, not a class that derives from nrsfm.methods.base.Method")
-    return found
+    if not (isinstance(kind, type) and issubclass(kind, BaseEstimator)):
+        raise MethodError(f"{where} is {kind!r}, not a class that derives from nrsfm.methods.base.Method")
+    return kind
 
 
 @cache
 def others() -> Mapping[str, EntryPoint]:
-    """The algorithms that installed packages add, by name; not imported yet. Of one name the first counts."""
-    return {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
+    """The algorithms of installed packages by name, not imported yet. Of several with one name the first counts."""
+    return {entry.name: entry for entry in reversed(tuple(entry_points(group=methods.ENTRY_POINTS)))}
 
 
 def build(settings: Mapping[str, Any]) -> BaseEstimator:
-    """Make an algorithm from plain settings: ``algorithm`` names it, the rest are its hyper-parameters.
+    """Make an algorithm from plain settings: ``algorithm`` is its name, the rest are its hyper-parameters.
 
-    A hyper-parameter that is itself a mapping with ``algorithm`` becomes a part, as a pipeline's clusterer.
+    A hyper-parameter that is itself a mapping with ``algorithm`` becomes a part, such as a pipeline's clusterer.
 
     Raises
     ------
     MethodError
-        If the algorithm is unknown, a hyper-parameter is missing or not its own, or the constructor fails or does not
-        keep its hyper-parameters.
+        If the algorithm is unknown, a hyper-parameter is missing or unknown, or the constructor fails or does not keep
+        its hyper-parameters.
     """
-    given = dict(settings)
-    name = given.pop("algorithm", None)
+    name = settings.get("algorithm")
     kind = algorithm(name)
-    parameters = {k: build(v) if isinstance(v, Mapping) and "algorithm" in v else v for k, v in given.items()}
+    parameters = {
+        key: build(value) if isinstance(value, Mapping) and "algorithm" in value else value
+        for key, value in settings.items()
+        if key != "algorithm"
+    }
     try:
         inspect.signature(kind).bind(**parameters)
     except TypeError as error:
         known = ", ".join(inspect.signature(kind).parameters)
         raise MethodError(f"method {name}: {error}; its hyper-parameters are {known}") from None
     try:
-        made = kind(**parameters)
-        made.get_params()
+        estimator = kind(**parameters)
+        estimator.get_params()
     except Exception as error:
         raise MethodError(f"method {name} cannot be made: {type(error).__name__}: {error}") from error
-    return made
+    return estimator
 
 
 def build_method(settings: Mapping[str, Any]) -> Method:
-    """:func:`build`, for something that a trial can run; raises MethodError for a mere part."""
+    """:func:`build` for a method that a trial can run; raises MethodError for a part, such as a clusterer."""
     method = build(settings)
     if not isinstance(method, Method):
         raise MethodError(f"method.algorithm is {settings['algorithm']!r}, a part of methods and not one by itself")

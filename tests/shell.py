@@ -27,7 +27,8 @@ class Naughty(Method):
     provides = frozenset({"labels"})
     def __init__(self, how="raise"):
         self.how = how
-    def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
+    def reconstruct(self, observations, n_bodies):
+        tracks, progress = observations.tracks, observations.progress
         if self.how == "raise":
             raise RuntimeError("the method\\nraised <b>this</b>")
         if self.how == "hang":

@@ -21,7 +21,6 @@ EXTRAS = {
     "ray": "hydra/launcher=ray",
     "server": "an MLflow server of your own: logins, PostgreSQL",
     "umpm": "C3D files: dataset=umpm, dataset=c3d",
-    "gpu": "method.device=cuda",
     "mat73": "MATLAB files of version 7.3",
 }
 

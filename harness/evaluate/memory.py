@@ -1,4 +1,4 @@
-"""Memory is foreseen before it is taken."""
+"""Forecast of a trial's peak memory, and the refusal of trials that do not fit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BASE_GB = 0.3  # of a trial's process before it solves anything: interpreter, li
 
 
 class Size(NamedTuple):
-    """What a method's memory depends on."""
+    """The sizes of a scene that a method's memory depends on."""
 
     n_frames: int
     n_points: int
@@ -23,7 +23,7 @@ class Size(NamedTuple):
 
 
 def foreseen_gb(method: Method, size: Size) -> float | None:
-    """GB (2^30 bytes) that a trial of the method takes at its peak; None where the method cannot say.
+    """Peak memory of a trial in GB (2^30 bytes); None where the method has no forecast.
 
     Raises MethodError if the method's own forecast fails.
     """
@@ -35,7 +35,7 @@ def foreseen_gb(method: Method, size: Size) -> float | None:
 
 
 def refusal(method: Method, size: Size, memory_gb: float) -> str:
-    """Why a trial does not fit, with the remedy; "" when it does or when nobody can say."""
+    """Message why a trial does not fit, with the remedy; "" when it fits or there is no forecast."""
     need = foreseen_gb(method, size)
     if need is None or need <= memory_gb:
         return ""

@@ -1,8 +1,7 @@
-"""One method on one scene: what a trial and a user's own tracks have in common."""
+"""Run one method on one scene, for trials and for a user's own tracks."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +11,16 @@ import scipy.sparse as sp
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.methods.base import NO_CAMERAS, Array, Method, MethodError, Progress, Reconstruction, stage
+from nrsfm.methods.base import (
+    Array,
+    Method,
+    MethodError,
+    Observations,
+    Progress,
+    Reconstruction,
+    check_gap_handling,
+    stage,
+)
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.structure.rotation import estimate_cameras
 
@@ -26,50 +34,42 @@ def reconstruct(
     memory_gb: float = float("inf"),
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """What a method finds in a scene.
+    """The reconstruction of a scene by a method.
 
     Parameters
     ----------
     scene : Scene
     method : Method
     n_bodies : int or None
-        None leaves it to the method.
+        None lets the method estimate it.
     cameras : mapping
         ``source``, ``known`` or ``estimated``; for the latter ``rank``, ``start`` and ``refine`` as
         :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them.
     memory_gb : float
-        What would need more is not begun.
+        A method that is forecast to need more is not started.
     progress : callable, optional
-        Told of the stages and of the method's iterations.
+        Called for stages and for the method's iterations.
 
     Raises
     ------
     MethodError
-        If the method cannot do what is asked, or does not keep its word.
+        If the method cannot work with the scene, or its result is not what it promises.
     UsageError
-        If there are no cameras, or the method would need more memory than it may take.
+        If there are no cameras, or the method would need more memory than allowed.
     """
-    if why := refusal(method, Size.of(scene), memory_gb):
-        raise UsageError(why)
-    R = NO_CAMERAS
+    if reason := refusal(method, Size.of(scene), memory_gb):
+        raise UsageError(reason)
+    check_gap_handling(method, scene.visible)
+    R = None
     if method.uses_cameras:
         if cameras["source"] != "known":
             stage(progress, "cameras")
         R = _cameras(scene, cameras)
     stage(progress, "method")
-    gaps = _gaps(method, scene)
-    found = method.reconstruct(scene.tracks, R, n_bodies, edges=scene.edges, progress=progress, **gaps)
-    check(found, method.provides, scene.tracks.shape)
-    return found
-
-
-def _gaps(method: Method, scene: Scene) -> Mapping[str, Any]:
-    """What a method is told of gaps: nothing where there are none, so that it need not know the word."""
-    if scene.visible is None:
-        return {}
-    if "visible" not in inspect.signature(method.reconstruct).parameters:
-        raise MethodError(f"{type(method).__name__} cannot work with gaps: its reconstruct takes no 'visible'")
-    return {"visible": scene.visible}
+    observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
+    reconstruction = method.reconstruct(observations, n_bodies)
+    check(reconstruction, method.provides, scene.tracks.shape)
+    return reconstruction
 
 
 def _cameras(scene: Scene, settings: Mapping[str, Any]) -> Array:
@@ -81,12 +81,12 @@ def _cameras(scene: Scene, settings: Mapping[str, Any]) -> Array:
     return scene.cameras
 
 
-def check(found: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:
-    """Hold a method to its word: raises MethodError on parts that are absent, misshapen or not finite."""
+def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:
+    """Raise MethodError on parts of a result that are promised and absent, or of wrong shape, or not finite."""
     n_frames, _, n_points = shape
     wanted = {"structure": (n_frames, 3, n_points), "labels": (n_points,), "affinity": (n_points, n_points)}
     for name, size in wanted.items():
-        value = getattr(found, name)
+        value = getattr(reconstruction, name)
         if value is None:
             if name in provides:
                 raise MethodError(f"the method promises {name} and gave none")

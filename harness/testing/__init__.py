@@ -1,4 +1,4 @@
-"""The contract that every method and every dataset keeps, as checks that a test runs; one's own are no exception.
+"""The contract that every method and every dataset keeps, as checks for a test suite.
 
 In a test, for choices of the configuration::
 
@@ -9,7 +9,7 @@ In a test, for choices of the configuration::
         check()
 
 or all checks at once: ``check_method(MyMethod())``, ``check_dataset(settings)``. A check raises AssertionError with one
-line that says what is broken. What is checked stands in :mod:`nrsfm.harness.testing.methods` and
+line that names the fault. The checks are in :mod:`nrsfm.harness.testing.methods` and
 :mod:`nrsfm.harness.testing.datasets`.
 """
 
@@ -49,8 +49,8 @@ def check_method(method: Method) -> None:
 def check_dataset(settings: Mapping[str, Any], folder: Path | None = None) -> None:
     """Run every check of :mod:`nrsfm.harness.testing.datasets` on the settings of a ``dataset`` group.
 
-    ``folder`` is the data folder; by default what ``NRSFM_DATA`` says, or ``data``. Raises AssertionError at the first
-    check that fails, and MissingData if files are not there.
+    ``folder`` is the data folder; by default the environment variable ``NRSFM_DATA``, or ``data``. Raises
+    AssertionError at the first check that fails, and MissingData if files are missing.
     """
     subject = dataset_contract.Subject(settings, folder or Path(os.environ.get("NRSFM_DATA", "data")))
     for check in dataset_contract.CHECKS:
@@ -58,13 +58,13 @@ def check_dataset(settings: Mapping[str, Any], folder: Path | None = None) -> No
 
 
 def parametrize_with_checks(*choices: str) -> MarkDecorator:
-    """Decorate a pytest test with every check of some choices; the test gets ``check`` and calls it.
+    """Parametrise a pytest test with every check of some choices; the test takes ``check`` and calls it.
 
     Parameters
     ----------
     *choices : str
-        ``method=NAME`` or ``dataset=NAME``, and further overrides behind a space. A dataset whose files are not there
-        is skipped.
+        ``method=NAME`` or ``dataset=NAME``, and further overrides after a space. A dataset whose files are missing is
+        skipped.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def parametrize_with_checks(*choices: str) -> MarkDecorator:
     """
     import pytest
 
-    found = []
+    parameters = []
     for choice in choices:
         group = choice.partition("=")[0]
         if group not in ("method", "dataset"):
             raise ValueError(f"{choice!r} is no choice of a method or dataset, wanted such as method=ours")
         checks: Any = method_contract.CHECKS if group == "method" else dataset_contract.CHECKS
-        found += [pytest.param(_bound(choice, check), id=f"{choice}-{check.__name__}") for check in checks]
-    return pytest.mark.parametrize("check", found)
+        parameters += [pytest.param(_bound(choice, check), id=f"{choice}-{check.__name__}") for check in checks]
+    return pytest.mark.parametrize("check", parameters)
 
 
 def _bound(choice: str, check: Callable[[Any], None]) -> Check:
@@ -97,7 +97,7 @@ def _bound(choice: str, check: Callable[[Any], None]) -> Check:
 
 @cache
 def _subject(choice: str) -> method_contract.Subject | dataset_contract.Subject:
-    """What a choice stands for; made once, so that checks share what it computes."""
+    """The subject of a choice, made once, so that checks share its results."""
     trial, settings = read(compose_config(choice.split()))
     if choice.startswith("dataset="):
         return dataset_contract.Subject(trial.dataset, settings.data)

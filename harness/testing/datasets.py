@@ -1,4 +1,4 @@
-"""What every dataset owes: a scene that agrees with itself, the same every time, and data with an identity."""
+"""The contract of a dataset: a consistent scene, the same every time, and data with a digest."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Subject:
 
 
 def check_scene(subject: Subject) -> None:
-    """Labels count from 0 and bodies have names; edges join tracks that are there; the structure is centred."""
+    """Labels count from 0 and bodies have names; edges join existing tracks; the structure is centred."""
     scene, name = subject.scene, subject.name
     assert re.fullmatch(NAME, scene.name), f"{name}: the scene is named {scene.name!r}"
     if scene.labels is not None:
@@ -81,7 +81,7 @@ def check_scene(subject: Subject) -> None:
 
 
 def check_cameras(subject: Subject) -> None:
-    """Where both are known, the cameras see the structure where the tracks are, up to a translation of each frame."""
+    """Where both are known, the structure projects onto the tracks, up to a translation of each frame."""
     scene = subject.scene
     if scene.cameras is None or scene.structure is None:
         return
@@ -91,14 +91,14 @@ def check_cameras(subject: Subject) -> None:
 
 
 def check_determinism(subject: Subject) -> None:
-    """The same settings make the same scene, whatever the global random generator's state, and stay as they are."""
+    """The same settings make the same scene, whatever the global random generator's state, and are not changed."""
     settings = deepcopy(dict(subject.settings))
-    kept = np.random.get_state()  # noqa: NPY002 - what an unseeded generator draws from
+    before = np.random.get_state()  # noqa: NPY002 - the generator of unseeded code
     try:
         np.random.seed(1)  # noqa: NPY002
         again = load_scene(settings, subject.folder)
     finally:
-        np.random.set_state(kept)  # noqa: NPY002
+        np.random.set_state(before)  # noqa: NPY002
     assert settings == dict(subject.settings), f"{subject.name}: loading the scene changes its settings"
     for part in ALIKE:
         one, other = getattr(subject.scene, part), getattr(again, part)
@@ -107,21 +107,21 @@ def check_determinism(subject: Subject) -> None:
 
 
 def check_digest(subject: Subject) -> None:
-    """The identity of the data is one line, the same before and after loading and in another process."""
+    """The digest of the data is one line, the same before and after loading and in another process."""
     _ = subject.scene
     here = digest(subject.settings, subject.folder)
     assert here.strip() == here != "" and "\n" not in here, f"{subject.name}: digest is {here!r}, wanted one line"
-    asked = json.dumps([dict(subject.settings), str(subject.folder.resolve())])
+    request = json.dumps([dict(subject.settings), str(subject.folder.resolve())])
     environment = {**os.environ, "PYTHONHASHSEED": "7", "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "-c", DIGEST], input=asked, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", DIGEST], input=request, env=environment, capture_output=True, text=True, check=False
     )
     there = done.stdout.rstrip("\n") or done.stderr
     assert there == here, f"{subject.name}: digest is {here!r} here and {there!r} in another process"
 
 
 def check_absent_files(subject: Subject) -> None:
-    """Without its files it raises MissingData, in one line; a dataset without files is made as before."""
+    """Without its files a dataset raises MissingData, in one line; a generated one needs no files."""
     _ = subject.scene
     with tempfile.TemporaryDirectory() as folder:
         for part in (digest, load_scene):
@@ -145,6 +145,6 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
 
 
 def seen(tracks: np.ndarray) -> tuple[bool, bool]:
-    """Whether every track is seen in some frame, and every frame shows some track; (F, 2, P) with NaN where not."""
+    """Whether every track is visible in some frame, and every frame shows some track; (F, 2, P), NaN where hidden."""
     visible = np.isfinite(tracks).all(axis=1)
     return bool(visible.any(axis=0).all()), bool(visible.any(axis=1).all())

@@ -12,7 +12,7 @@ from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.tracking.runs import Runs
-from nrsfm.harness.trial.execute import identify
+from nrsfm.harness.trial.identity import identify
 
 MISSING = "missing"
 """Status of a trial that has not run."""
@@ -60,7 +60,7 @@ def results(output: str | Path = "outputs", experiment: str | None = None) -> pd
         return _frame([(run.outcome, run.outcome.status) for run in runs.runs])
     rows = []
     for trial, settings in expand([f"experiment={experiment}"]):
-        key = identify(trial, settings)[0]
+        key = identify(trial, settings).key
         run = runs.find(key, trial.setting)
         rows.append((run.outcome, run.outcome.status) if run else (Outcome.of_trial(trial, key), MISSING))
     return _frame(rows)

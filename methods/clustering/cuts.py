@@ -1,4 +1,4 @@
-"""Cuts of a graph along one eigenvector at a time, where k-means on the eigenvectors loses the cheapest cut."""
+"""Cuts of a graph along one eigenvector at a time, for graphs whose smallest cut k-means on the eigenvectors misses."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Second = Callable[[sp.csr_array], Array]
 
 
 def normalised_cut(A: sp.csr_array, labels: Labels, n_clusters: int) -> float:
-    """Sum over clusters of the weight that leaves it over the weight of its points, between 0 and ``n_clusters``.
+    """Sum over the clusters of (weight of edges that leave it / weight of its points), from 0 to ``n_clusters``.
 
-    A cluster that is empty, or of points that nothing joins, counts as the dearest, 1: it is no cluster of the graph.
+    A cluster that is empty, or whose points have no edge, counts 1, the most that a cluster can.
     Shi and Malik, "Normalized cuts and image segmentation", PAMI 2000, section 2.1, for any number of clusters.
     """
     graph = sp.coo_array(A)
@@ -28,7 +28,7 @@ def normalised_cut(A: sp.csr_array, labels: Labels, n_clusters: int) -> float:
 
 
 def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Second) -> Labels:
-    """Clusters by splitting, again and again, the cluster whose cheapest split leaves the cheapest normalised cut.
+    """Clusters by repeated splits: each time the one split that leaves the smallest normalised cut.
 
     The split of a cluster is the best of all its prefixes in the order of the second eigenvector (Shi and Malik, PAMI
     2000, section 3). Each is an eigenvector and a sort: O(entries) a step of the eigensolver.
@@ -41,7 +41,7 @@ def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Secon
     vector : (P,) array
         The second leading eigenvector of D^-1/2 A D^-1/2.
     second : callable
-        Gives that of a part of the graph.
+        Computes the second leading eigenvector of a part of the graph.
 
     Returns
     -------
@@ -55,9 +55,9 @@ def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Secon
             inside = np.flatnonzero(labels == k)
             part = sp.csr_array(A[inside][:, inside])
             sides[k] = inside[_cheapest_prefix(part, second(part))] if part.nnz else inside[:0]
-        tried = {k: _relabelled(labels, side, new) for k, side in sides.items()}
-        best = min(tried, key=lambda k: normalised_cut(A, tried[k], new + 1))
-        labels = tried[best]
+        candidates = {k: _relabelled(labels, side, new) for k, side in sides.items()}
+        best = min(candidates, key=lambda k: normalised_cut(A, candidates[k], new + 1))
+        labels = candidates[best]
         del sides[best]
     return labels
 
@@ -69,7 +69,7 @@ def _relabelled(labels: Labels, places: NDArray[np.int64], label: int) -> Labels
 
 
 def _cheapest_prefix(A: sp.csr_array, vector: Array) -> NDArray[np.int64]:
-    """Of all prefixes of the points in the order of an eigenvector of D^-1/2 A D^-1/2, that of the cheapest cut."""
+    """The prefix of least cut, of the points in the order of an eigenvector of D^-1/2 A D^-1/2."""
     degree = np.asarray(A.sum(axis=1)).ravel()
     order = np.argsort(vector / np.sqrt(np.maximum(degree, np.finfo(float).tiny ** 0.5)), kind="stable")
     rank = np.empty_like(order)

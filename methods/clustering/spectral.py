@@ -11,11 +11,9 @@ from sklearn.cluster import KMeans
 
 from nrsfm.methods.base import Array, Labels, MethodError
 from nrsfm.methods.clustering.cuts import normalised_cut, recursive_cut
+from nrsfm.methods.numerics.linear import TINY
 
-TINY = float(np.finfo(float).tiny)
-
-
-#: Clusters at most, where their number is estimated.
+#: The most clusters, where their number is estimated.
 MOST = 10
 
 
@@ -29,8 +27,8 @@ def spectral_clustering(
 ) -> Labels:
     """Cut a graph into clusters by the leading eigenvectors of its normalised affinity.
 
-    By k-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Where a long thin arm of a cluster draws the means
-    away from the cut, splits along one eigenvector at a time can be cheaper (Shi, Malik); ``cheapest`` tries both.
+    By k-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Where a cluster has a long thin arm, splits along
+    one eigenvector at a time can give a smaller cut (Shi, Malik); ``cheapest`` tries both.
 
     Parameters
     ----------
@@ -43,7 +41,7 @@ def spectral_clustering(
     seed : int
         Of k-means. The result is deterministic.
     cheapest : bool
-        Of k-means and :func:`nrsfm.methods.clustering.cuts.recursive_cut`, take the labels of the smaller normalised cut.
+        Take the labels of k-means or of :func:`nrsfm.methods.clustering.cuts.recursive_cut`, by the normalised cut.
 
     Returns
     -------
@@ -70,12 +68,12 @@ def spectral_clustering(
         return np.zeros(affinity.shape[0], dtype=np.int64)
     _, vectors = leading(affinity, n_clusters)
     rows = unit_rows(vectors)
-    labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
+    labels: Labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
     if not cheapest:
         return labels
     A = _without_loops(affinity)
     split = recursive_cut(A, n_clusters, vectors[:, -2], lambda part: leading(part, 2)[1][:, 0])
-    return min((labels, split), key=lambda tried: normalised_cut(A, tried, n_clusters))
+    return min((labels, split), key=lambda candidate: normalised_cut(A, candidate, n_clusters))
 
 
 def count_clusters(affinity: Array | sp.sparray, most: int = MOST) -> tuple[int, float]:
@@ -109,12 +107,14 @@ def count_clusters(affinity: Array | sp.sparray, most: int = MOST) -> tuple[int,
 def eigengaps(affinity: Array | sp.sparray, most: int = MOST) -> Array:
     """v_(n+1) - v_n of the normalised Laplacian for n = 1..most, fewer where there are no more points."""
     values, _ = leading(affinity, min(most + 1, affinity.shape[0]))
-    return values[::-1][:-1] - values[::-1][1:]
+    gaps: Array = values[::-1][:-1] - values[::-1][1:]
+    return gaps
 
 
 def unit_rows(U: Array) -> Array:
     """Rows scaled to unit length: step 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001."""
-    return U / np.maximum(np.linalg.norm(U, axis=1, keepdims=True), TINY)
+    rows: Array = U / np.maximum(np.linalg.norm(U, axis=1, keepdims=True), TINY)
+    return rows
 
 
 def leading(affinity: Array | sp.sparray, n_vectors: int) -> tuple[Array, Array]:
@@ -138,13 +138,14 @@ def _without_loops(affinity: sp.sparray) -> sp.csr_array:
 
 
 def _sparse_leading(A: sp.csr_array, n_vectors: int) -> tuple[Array, Array]:
-    """:func:`leading` of D^-1/2 A D^-1/2 by Lanczos from a fixed start; the same every time.
+    """:func:`leading` for a sparse graph, by Lanczos from a fixed start; deterministic.
 
-    Lanczos from one start cannot see that an eigenvalue is multiple, and 1 is so when the graph falls apart. Those
-    eigenvectors are known, one a component, so they are taken (the heaviest first) and moved below all others, to -2.
+    Lanczos from one start does not find all eigenvectors of a multiple eigenvalue, and 1 is multiple when the graph has
+    several components. Those eigenvectors are known, one per component. They are taken, the heaviest first, and their
+    eigenvalue is shifted below all others, to -2.
     """
     n = A.shape[0]
-    if not A.nnz:  # every vector is an eigenvector, and Lanczos finds none
+    if not A.nnz:  # every vector is an eigenvector and Lanczos fails
         return np.zeros(n_vectors), np.eye(n, n_vectors)
     degree = np.asarray(A.sum(axis=1)).ravel()
     root = 1 / np.sqrt(np.maximum(degree, TINY**0.5))

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClusterMixin
-from sklearn.utils.validation import validate_data
 
-from nrsfm.methods.base import Array, MethodError, check_setting
-from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.base import Array, MethodError, check_count, check_positive
+from nrsfm.methods.clustering.clusterer import SubspaceClusterer
+from nrsfm.methods.numerics.admm import Admm
+from nrsfm.methods.numerics.linear import TINY
 
 
-class SSC(ClusterMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class SSC(SubspaceClusterer):
     """Cluster points that lie on a union of (affine) subspaces by their sparse self-expression.
 
     Parameters
     ----------
     n_clusters : int or None
-        None takes what the eigengap of the affinity says.
+        None takes the number at the widest eigengap of the affinity.
     alpha : float
         Weight of the data term, relative to the smallest weight at which the code is not zero; also the
         penalty of the ADMM. 800 for motion, 20 for images.
@@ -37,10 +37,6 @@ class SSC(ClusterMixin, BaseEstimator):
 
     Attributes
     ----------
-    code_ : (n_samples, n_samples) array
-        C, with X = X C for columns X.
-    affinity_matrix_ : (n_samples, n_samples) array
-    labels_ : (n_samples,) int array
     n_iter_ : int
 
     References
@@ -49,44 +45,29 @@ class SSC(ClusterMixin, BaseEstimator):
     and algorithm 2. The zero diagonal is part of the soft threshold here, which makes that step exact.
     """
 
-    def __init__(
-        self,
-        n_clusters: int | None = 2,
-        *,
-        alpha: float = 800.0,
-        affine: bool = True,
-        share: float = 1.0,
-        max_iter: int = 200,
-        tol: float = 2e-4,
-        seed: int = 0,
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.alpha = alpha
-        self.affine = affine
-        self.share = share
-        self.max_iter = max_iter
-        self.tol = tol
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    alpha: float = 800.0
+    affine: bool = True
+    share: float = 1.0
+    max_iter: int = 200
+    tol: float = 2e-4
+    seed: int = 0
 
-    def fit(self, X: ArrayLike, y: Any = None) -> SSC:
-        """Cluster the rows of X, shape (n_samples, n_features)."""
-        points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        _check_settings(self)
-        self.code_, self.n_iter_ = sparse_code(points.T, self.alpha, self.affine, self.max_iter, self.tol)
-        self.affinity_matrix_ = code_affinity(self.code_, self.share)
-        self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
-        return self
+    def _check_settings(self) -> None:
+        check_positive(self, "alpha", "tol", "share")
+        check_count(self, "max_iter")
+        if self.share > 1:
+            raise MethodError(f"SSC: share is {self.share}, wanted a number in (0, 1]")
+        if not isinstance(self.affine, bool):
+            raise MethodError(f"SSC: affine is {self.affine!r}, wanted true or false")
 
+    def _express(self, X: Array) -> Array:
+        code, self.n_iter_ = sparse_code(X, self.alpha, self.affine, self.max_iter, self.tol)
+        return code
 
-def _check_settings(model: SSC) -> None:
-    check_setting(model, "alpha", 0)
-    check_setting(model, "tol", 0)
-    check_setting(model, "max_iter", 1, strict=False, whole=True)
-    check_setting(model, "share", 0)
-    if model.share > 1:
-        raise MethodError(f"SSC: share is {model.share}, wanted a number in (0, 1]")
-    if not isinstance(model.affine, bool):
-        raise MethodError(f"SSC: affine is {model.affine!r}, wanted true or false")
+    def _affinity(self, n_clusters: int | None) -> Array:
+        return code_affinity(self.code_, self.share)
 
 
 def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:
@@ -111,7 +92,7 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
     off = np.abs(G - np.diag(np.diag(G)))
     smallest = off.max(axis=0).min()
     if smallest == 0:  # some point is orthogonal to all others: nothing expresses it
-        smallest = max(off.max(), np.finfo(float).tiny)
+        smallest = max(off.max(), TINY)
     V = X / np.sqrt(smallest)
     if len(V) > n:  # V'V is all that counts
         V = scipy.linalg.qr(V, mode="r", check_finite=False)[0][:n]
@@ -121,23 +102,19 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
     B = V.copy()
     C = np.zeros((n, n))
     U = np.zeros((n, n))  # scaled multiplier of Z = C
-    iteration = 0
-    while iteration < max_iter:
-        iteration += 1
+    admm = Admm(max_iter, tol)
+    for _ in admm:
         N = C - U
         Z = N + A @ (B - V @ N)
         Y = Z + U
         before, U = U, np.clip(Y, -1 / alpha, 1 / alpha)  # U + Z - C, with C the soft threshold of Y ...
         np.fill_diagonal(U, np.diag(Y))  # ... and zero on the diagonal
         C = Y - U
-        worst = np.abs(U - before).max()
+        slack = Z.sum(axis=0) - 1 if affine else np.zeros(n)
         if affine:
-            slack = Z.sum(axis=0) - 1
             B[-1] -= slack
-            worst = max(worst, np.abs(slack).max())
-        if worst < tol:
-            break
-    return C, iteration
+        admm.report(code=np.abs(U - before).max(), affine=np.abs(slack).max())
+    return C, admm.iteration
 
 
 def code_affinity(C: Array, share: float = 1.0, scale: bool = True) -> Array:
@@ -154,5 +131,5 @@ def code_affinity(C: Array, share: float = 1.0, scale: bool = True) -> Array:
         A = np.zeros_like(A)
         np.put_along_axis(A, order, ranked, axis=0)
     if scale:
-        A = A / np.maximum(A.max(axis=0), np.finfo(float).tiny)
+        A = A / np.maximum(A.max(axis=0), TINY)
     return A + A.T

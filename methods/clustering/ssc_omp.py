@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClusterMixin
-from sklearn.utils.validation import validate_data
+from numpy.typing import NDArray
 
-from nrsfm.methods.base import Array, check_setting
-from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.base import Array, Labels, check_at_least, check_count
+from nrsfm.methods.clustering.clusterer import SubspaceClusterer
+from nrsfm.methods.numerics.linear import TINY
 
 BLOCK = 512  # points that are coded at once
 
 
-TINY = float(np.finfo(float).tiny)
-
-
-class SSCOMP(ClusterMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class SSCOMP(SubspaceClusterer):
     """Cluster points on a union of subspaces by a greedy code of each in a few others.
 
     No array of n_samples x n_samples is made.
@@ -27,11 +24,11 @@ class SSCOMP(ClusterMixin, BaseEstimator):
     Parameters
     ----------
     n_clusters : int or None
-        None takes what the eigengap of the affinity says.
+        None takes the number at the widest eigengap of the affinity.
     n_nonzero : int
-        k, the most points that express one; about the dimension of the subspaces.
+        k, the most points in the code of one; about the dimension of the subspaces.
     residual : float
-        Epsilon: a point is expressed when what is left of it is below this share of its length.
+        Epsilon: the pursuit of a point ends when its residual is below this share of its length.
     seed : int
         Of k-means.
 
@@ -41,7 +38,6 @@ class SSCOMP(ClusterMixin, BaseEstimator):
         C, with X = X C for columns X of unit length; at most ``n_nonzero`` entries in a column.
     affinity_matrix_ : (n_samples, n_samples) sparse array
         |C| + |C'|.
-    labels_ : (n_samples,) int array
 
     References
     ----------
@@ -49,28 +45,24 @@ class SSCOMP(ClusterMixin, BaseEstimator):
     and 2.
     """
 
-    def __init__(
-        self, n_clusters: int | None = 2, *, n_nonzero: int = 20, residual: float = 1e-6, seed: int = 0
-    ) -> None:
-        self.n_clusters = n_clusters
-        self.n_nonzero = n_nonzero
-        self.residual = residual
-        self.seed = seed
+    n_clusters: int | None = 2
+    _: KW_ONLY
+    n_nonzero: int = 20
+    residual: float = 1e-6
+    seed: int = 0
 
-    def fit(self, X: ArrayLike, y: Any = None) -> SSCOMP:
-        """Cluster the rows of X, shape (n_samples, n_features)."""
-        points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        check_setting(self, "n_nonzero", 1, strict=False, whole=True)
-        check_setting(self, "residual", 0, strict=False)
-        self.code_ = matching_pursuit(points.T, self.n_nonzero, self.residual)
-        self.affinity_matrix_ = abs(self.code_) + abs(self.code_).T
-        self.labels_ = spectral_clustering(self.affinity_matrix_, self.n_clusters, seed=self.seed)
-        return self
+    def _check_settings(self) -> None:
+        check_count(self, "n_nonzero")
+        check_at_least(self, 0, "residual")
+
+    def _express(self, X: Array) -> sp.csc_array:
+        return matching_pursuit(X, self.n_nonzero, self.residual)
+
+    def _affinity(self, n_clusters: int | None) -> sp.sparray:
+        return abs(self.code_) + abs(self.code_).T
 
     def memory(self, n_samples: int, n_features: int) -> float:
-        """Bytes that :meth:`fit` takes at its peak, foreseen from the sizes: the points, a block's bases and products,
-        the sparse code and what the eigenvectors need.
-        """
+        """Peak memory of :meth:`fit` in bytes: points, a block's bases and products, the sparse code, eigenvectors."""
         block = min(BLOCK, n_samples)
         return 8.0 * (
             3 * n_samples * n_features
@@ -107,7 +99,7 @@ def matching_pursuit(X: Array, n_nonzero: int, residual: float) -> sp.csc_array:
     return sp.csc_array((values, (rows, columns)), shape=(N, N))
 
 
-def _pursue(X: Array, mine: Array, most: int, residual: float) -> tuple[Array, Array, Array]:
+def _pursue(X: Array, mine: NDArray[np.int64], most: int, residual: float) -> tuple[Labels, Labels, Array]:
     """Rows, columns and values of the code of the columns ``mine``, all of them at each step."""
     D, B = len(X), len(mine)
     basis = np.zeros((B, most, D))  # orthonormal, of each point's support
@@ -132,5 +124,5 @@ def _pursue(X: Array, mine: Array, most: int, residual: float) -> tuple[Array, A
         if not len(active):
             break
     rows = [support[b, :n] for b, n in enumerate(size)]
-    values = [np.linalg.lstsq(X[:, own], X[:, j], rcond=None)[0] for own, j in zip(rows, mine, strict=True)]
+    values = [np.linalg.lstsq(X[:, others], X[:, j], rcond=None)[0] for others, j in zip(rows, mine, strict=True)]
     return np.concatenate(rows), np.repeat(mine, size), np.concatenate(values)

@@ -1,63 +1,69 @@
-"""Ours with weights from the data: self-expression of whitened motion with slack, reconstruction and code in one ADMM.
+"""Ours, with weights from the data: reconstruction and self-expression of whitened motion, with slack, in one ADMM.
 
     min  1/2 |W - R S|^2 + l2 |S#|_* + e (1/2 |X - X C|^2 + l1 m |E|_1),  X = diag(w) Q' (R S) diag(1/d)
     s.t. S# = g(S),  C = E,  diag(C) = 0
 
 after Kumar, Dai, Li, 3DV 2016, eq. (11). Q are the directions of image motion from smooth to rough
-(:func:`nrsfm.methods.multibody.motion.directions`); points at rest have no part in them, so that the bodies' offsets are gone and with
-them the affine constraint. w whitens their spectrum, d are the tracks' norms in it, m is the weight above which the
-code of some track would vanish (Elhamifar, Vidal, PAMI 2013, eq. 13), so l1 has no units. S = S C implies X = X C; the
-squared residual is the slack that real bodies need: no point of a person is an exact combination of the others.
+(:func:`nrsfm.methods.multibody.motion.directions`). They are orthogonal to the images of points at rest, so the
+bodies' offsets drop out and with them the affine constraint. w whitens their spectrum, d are the tracks' norms in it,
+m is the weight above which the code of some track would vanish (Elhamifar, Vidal, PAMI 2013, eq. 13), so l1 has no
+units. S = S C implies X = X C; the squared residual is the slack that real bodies need: no point of a person is an
+exact combination of the others.
 
-All weights follow the noise sigma that the tracks themselves show. l2 is sigma times the largest singular value that
-noise of unit variance has; e, the weight of the slack against the image residual, goes with sigma^2; and from clean to
-noisy tracks the spectrum is whitened less and the code made sparser.
+All weights depend on the noise sigma, which is estimated from the tracks. l2 is sigma times the largest singular value
+of noise of unit variance; e, the weight of the slack against the image residual, is proportional to sigma^2; and from
+clean to noisy tracks the spectrum is whitened less and the code made sparser.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nrsfm.methods.base import (
     DIAGONALS,
     Array,
-    Mask,
     Method,
     MethodError,
+    Observations,
     Progress,
     Reconstruction,
     check_bodies,
-    check_cameras,
-    check_setting,
+    check_count,
+    check_positive,
     check_word,
-    stage,
     standardise,
 )
 from nrsfm.methods.clustering.spectral import spectral_clustering
-from nrsfm.methods.multibody.lagrangian import Problem, State, minimise
+from nrsfm.methods.multibody.code import solve_code
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
-from nrsfm.methods.numerics.backend import symmetric_eigen, without_diagonal
+from nrsfm.methods.multibody.problem import Gaps, State, minimise
 from nrsfm.methods.numerics.cameras import axes
+from nrsfm.methods.numerics.linear import symmetric_eigen, without_diagonal
 from nrsfm.methods.numerics.proximal import soft
 from nrsfm.methods.structure.bmm import ShapeFit, complete_by_shape, fit_shape
 
-#: Noise that is assumed at least, in parts of the scene's spread: below it R S = W for all that numbers can tell.
+#: The least noise that is assumed, in parts of the scene's spread; with less, R S = W to rounding.
 FAINTEST = 3e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptiveProblem(Problem):
-    """The Lagrangian of the module's objective and its exact block updates; Y2 and Y4 of the state stay zero.
+class AdaptiveProblem:
+    """The augmented Lagrangian of the module's objective and its exact block updates.
 
     Two penalties, neither of which grows: b on S# = g(S), and e m on C = E.
 
     Parameters
     ----------
+    W : (F, 2, P) array
+        Centred tracks.
+    cameras : (F, 2, 3) array
+    l1, l2 : float
+        Weights of |E|_1, in units of m, and of |S#|_*.
+    diagonal : {"threshold", "exact", "paper"}
     expression : float
         e, the weight of the self-expression against the image residual.
     Q : (2F, r) array
@@ -70,17 +76,26 @@ class AdaptiveProblem(Problem):
         The unit of l1.
     """
 
+    W: Array
+    cameras: Array
+    l1: float
+    l2: float
+    diagonal: str
     expression: float
     Q: Array
     w: Array
     d: Array
     m: float
 
+    def with_tracks(self, W: Array) -> Self:
+        """The same problem with other tracks; the weights stay."""
+        return replace(self, W=W)
+
     def begin(self, fit: ShapeFit) -> State:
         """The state of the shape step's solution without a code."""
-        square, zero = np.zeros((len(self.d),) * 2), np.zeros_like(fit.structure)
+        square = np.zeros((len(self.d),) * 2)
         Y1, b = self.l2 * fit.multiplier, self.l2 * fit.penalty
-        return State(fit.structure, fit.shape, square, square, Y1, zero, square, np.zeros(len(self.d)), b)
+        return State(S=fit.structure, shape=fit.shape, C=square, E=square, Y1=Y1, Y3=square, b=b)
 
     def motion(self, state: State) -> Array:
         """X, (r, P)."""
@@ -88,12 +103,13 @@ class AdaptiveProblem(Problem):
 
     @property
     def code_penalty(self) -> float:
+        """e m, the penalty of C = E."""
         return self.expression * self.m
 
     def code_step(self, state: State) -> Array:
-        """C: (X'X/m + I) C = X'X/m + E - Y3/(e m). One Cholesky factorisation, see ``solve_code``."""
+        """C: (X'X/m + I) C = X'X/m + E - Y3/(e m). One Cholesky factorisation."""
         V = self.motion(state) / np.sqrt(self.m)
-        return self.solve_code(V, V, state.E - state.Y3 / self.code_penalty)
+        return solve_code(V, V, state.E - state.Y3 / self.code_penalty, self.diagonal)
 
     def sparse_step(self, state: State) -> Array:
         """E: soft threshold of C + Y3/(e m) at l1, its diagonal zero."""
@@ -117,13 +133,14 @@ class AdaptiveProblem(Problem):
         stiffness = self.expression / (1 + b) * np.multiply.outer(self.w**2, np.maximum(beta, 0))
         rough = (self.Q.T @ rows) @ U * (stiffness / (1 + stiffness))
         V[:, :2] = (rows - self.Q @ (rough @ U.T)).reshape(F, 2, P)
-        return A.transpose(0, 2, 1) @ V
+        S: Array = A.transpose(0, 2, 1) @ V
+        return S
 
-    def gaps(self, state: State) -> dict[str, Array]:
+    def gaps(self, state: State) -> Gaps:
         """S# - g(S) and C - E."""
         return {"shape": state.shape - state.S, "code": state.C - state.E}
 
-    def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
+    def multiplier_step(self, state: State, gaps: Gaps) -> State:
         """Y1 += b (S# - g(S)), Y3 += e m (C - E)."""
         return replace(state, Y1=state.Y1 + state.b * gaps["shape"], Y3=state.Y3 + self.code_penalty * gaps["code"])
 
@@ -135,17 +152,19 @@ class AdaptiveProblem(Problem):
         return float(0.5 * np.sum(fit**2) + self.l2 * state.nuclear_norm + self.expression * code)
 
     def penalties(self, state: State) -> tuple[tuple[Array, str, float], ...]:
+        """Multiplier, name of the gap and penalty of each constraint."""
         return (state.Y1, "shape", state.b), (state.Y3, "code", self.code_penalty)
 
     def operations(self, state: State) -> float:
-        """Multiplications and additions of an iteration, its lower orders left out.
+        """Multiplications and additions of an iteration, without lower orders.
 
         Four products of 2F x r with r x P, two of r x P with P x P, a symmetric product and a factor for C, a product
         and an eigendecomposition for S, and the threshold's F x F products.
         """
         F, _, P = state.S.shape
         r = len(self.w)
-        return 2.0 * P * (4 * 2 * F * r + 2 * r * P) + P * P * (r + P / 3 + 2 * P + 2 * P + 9 * P) + 12.0 * F * F * P
+        code = 2.0 * P * (4 * 2 * F * r + 2 * r * P) + P * P * (r + P / 3 + 2 * P + 2 * P + 9 * P)
+        return float(code + 12.0 * F * F * P)
 
 
 def whiten(Q: Array, w: Array, images: Array) -> Array:
@@ -153,8 +172,9 @@ def whiten(Q: Array, w: Array, images: Array) -> Array:
     return w[:, None] * (Q.T @ images.reshape(len(Q), -1))
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class AdaptiveMultiBody(Method):
-    """Ours: :class:`AdaptiveProblem`, whose weights come from the noise that the tracks show.
+    """Ours: :class:`AdaptiveProblem` with weights from the noise sigma of the tracks.
 
     sigma is in parts of the scene's spread. With t = sigma / (sigma + ``noise``), which is 0 for clean tracks and 1
     for very noisy ones, a pair of settings (clean, noisy) means clean + t (noisy - clean).
@@ -168,9 +188,9 @@ class AdaptiveMultiBody(Method):
     noise : float
         The sigma at which settings are half way between clean and noisy.
     floor : float
-        In parts of the scene's spread: fainter motion is not brought out further.
+        In parts of the scene's spread: fainter motion is not amplified further.
     nuclear : float
-        l2 in parts of sigma (sqrt(F) + sqrt(3P)), what singular values of F x 3P noise keep below.
+        l2 in parts of sigma (sqrt(F) + sqrt(3P)), the largest singular value of F x 3P noise.
     expression : float
         Weight of the self-expression against the image residual, in parts of sigma^2.
     max_iter : int
@@ -183,54 +203,34 @@ class AdaptiveMultiBody(Method):
     """
 
     provides = frozenset({"labels", "structure"})
+    handles_gaps = True
     version = "3"
 
-    def __init__(
-        self,
-        *,
-        l1: Sequence[float] = (0.1, 0.3),
-        whitening: Sequence[float] = (0.7, 0.5),
-        noise: float = 0.005,
-        floor: float = 0.02,
-        nuclear: float = 1.0,
-        expression: float = 10.0,
-        max_iter: int = 100,
-        tol: float = 1e-3,
-        diagonal: str = "threshold",
-        seed: int = 0,
-    ) -> None:
-        self.l1 = l1
-        self.whitening = whitening
-        self.noise = noise
-        self.floor = floor
-        self.nuclear = nuclear
-        self.expression = expression
-        self.max_iter = max_iter
-        self.tol = tol
-        self.diagonal = diagonal
-        self.seed = seed
+    l1: Sequence[float] = (0.1, 0.3)
+    whitening: Sequence[float] = (0.7, 0.5)
+    noise: float = 0.005
+    floor: float = 0.02
+    nuclear: float = 1.0
+    expression: float = 10.0
+    max_iter: int = 100
+    tol: float = 1e-3
+    diagonal: str = "threshold"
+    seed: int = 0
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        check_cameras(cameras, len(tracks))
-        data = standardise(complete_by_shape(tracks, cameras, visible, progress))
-        check_bodies(n_bodies, tracks.shape[2], least=1)
+        cameras, progress = observations.required_cameras(), observations.progress
+        check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-        stage(progress, "weights")
+        data = standardise(complete_by_shape(observations))
+        observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
-        stage(progress, "structure and code")
-        state, history = minimise(problem, state, self.max_iter, self.tol, visible=visible, progress=progress)
+        observations.stage("structure and code")
+        state, history = minimise(
+            problem, state, self.max_iter, self.tol, visible=observations.visible, progress=progress
+        )
         affinity = np.abs(state.E) + np.abs(state.E.T)
-        stage(progress, "clustering")
+        observations.stage("clustering")
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed),
             structure=state.S * data.scale,
@@ -240,7 +240,7 @@ class AdaptiveMultiBody(Method):
         )
 
     def adapt(self, W: Array, cameras: Array, progress: Progress | None = None) -> tuple[AdaptiveProblem, State]:
-        """The problem whose weights suit centred (F, 2, P) tracks, and the state to start from."""
+        """The problem with the weights for centred (F, 2, P) tracks, and the state to start from."""
         F, _, P = W.shape
         Q = directions(cameras)
         motion = Q.T @ W.reshape(2 * F, P)
@@ -254,28 +254,28 @@ class AdaptiveMultiBody(Method):
         w = (spectrum(motion) + self.floor**2) ** (-whitening / 2)
         X = whiten(Q, w, cameras @ fit.structure)
         norms = np.linalg.norm(X, axis=0)
-        d = np.hypot(norms, 1e-3 * norms.max())  # tracks at rest keep out of the code
+        d = np.hypot(norms, 1e-3 * norms.max())  # keeps tracks at rest out of the code
         G = np.abs(X.T @ X) / np.outer(d, d)
         np.fill_diagonal(G, 0)
         m = float(G.max(axis=0).min())
         e = self.expression * sigma**2
-        weights = {"l1": l1, "l2": l2, "expression": e}
-        problem = AdaptiveProblem(W=W, cameras=cameras, diagonal=self.diagonal, **weights, Q=Q, w=w, d=d, m=m)
+        problem = AdaptiveProblem(
+            W=W, cameras=cameras, l1=l1, l2=l2, diagonal=self.diagonal, expression=e, Q=Q, w=w, d=d, m=m
+        )
         return problem, problem.begin(fit)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`nrsfm.methods.base.Method.memory`: the P x P arrays, those of the structure, and the directions."""
+        """Bytes of the P x P arrays, those of the structure, and the directions."""
         return 8.0 * (12 * n_points**2 + 20 * 3 * n_frames * n_points + 5 * (3 * n_frames) ** 2)
 
     def _check_settings(self) -> None:
         check_word(self, "diagonal", DIAGONALS)
-        for name in ("noise", "nuclear", "expression", "tol", "floor"):
-            check_setting(self, name, 0)
-        check_setting(self, "max_iter", 1, strict=False, whole=True)
+        check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
+        check_count(self, "max_iter")
         for name in ("l1", "whitening"):
             values: Any = getattr(self, name)
             numbers = isinstance(values, Sequence) and [isinstance(v, int | float) and v >= 0 for v in values]
             if numbers != [True, True]:
                 raise MethodError(
-                    f"method.{name} is {values!r}, wanted two numbers >= 0: [for clean, for noisy tracks]"
+                    f"AdaptiveMultiBody: {name} is {values!r}, wanted two numbers >= 0: [for clean, for noisy tracks]"
                 )

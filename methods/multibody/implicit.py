@@ -1,4 +1,4 @@
-"""The printed iteration without a P x P array: sparse plus low-rank matrices in place of C and Y3.
+"""The printed iteration without a P x P array: C and Y3 as sparse plus low-rank matrices.
 
 With V = [S; 1'] (r, P), the C-step's optimality reads C G = V'M + (E - U) D' for an (r, P) matrix M and U = Y3/b,
 and the E-step's soft threshold splits Z = C D + U into E and the new U. So U D' = V'M + (E_old - E) D', and the part
@@ -8,9 +8,10 @@ of the last step over that of this one,
     C = (V'M - s V_old'M_old + E D' - s (E_old - E) D') G^-1
     Z = (V'M + (E + s J) D') G^-1 D - s J
 
-in which V'M is dense but never stored: Z is made, thresholded and forgotten in blocks of rows. Without the spatial
-term G = D = I, J falls out, and Z = V'M + E. The S-step takes conjugate gradients with C as an operator. All of it is
-the iteration of :class:`nrsfm.methods.multibody.lagrangian.Problem` and :class:`nrsfm.methods.multibody.spatial.SpatialProblem`, to rounding.
+in which V'M is dense but never stored: Z is computed and thresholded in blocks of rows. Without the spatial term
+G = D = I, J drops out, and Z = V'M + E. The S-step takes conjugate gradients with C as an operator. The iterates are
+those of :class:`nrsfm.methods.multibody.lagrangian.DenseProblem` and
+:class:`nrsfm.methods.multibody.spatial.SpatialProblem`, to rounding.
 
 Operations an iteration, for Z of rank k <= r with q entries of E: 2 k P^2 + O(P^2) for Z, O(r^2 P) for M, and for each
 step of conjugate gradients on m <= 3F rows 8 k m P + 4 m q. Memory O(r P + q).
@@ -30,17 +31,18 @@ import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
 from nrsfm.methods.base import Array
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
+from nrsfm.methods.multibody.problem import Gaps
 from nrsfm.methods.multibody.spatial import Neighbours
 from nrsfm.methods.numerics.cameras import axes
 
-ENTRIES = 400  # of E, a track; see implicit_bytes
+ENTRIES = 400  # of E per track, assumed by implicit_bytes
 
 
-BLOCK_BYTES = 4 << 20  # of Z at a time: as much as stays in the cache
+BLOCK_BYTES = 4 << 20  # of a block of Z, so that it stays in the cache
 
 
-GAP_ROWS = 1000  # of C, evenly chosen, that the code's residual is taken over; all rows where there are no more
+GAP_ROWS = 1000  # the most rows of C, evenly spaced, that the code's residual is taken over
 
 
 @dataclass
@@ -62,13 +64,15 @@ class Code:
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self.A.shape
+        rows, columns = self.A.shape
+        return rows, columns
 
     def apply(self, X: Array) -> Array:
         """C X for (P, m) columns."""
         self._count(X.shape[1])
         Y = X if self.neighbours is None else self.neighbours.solve(X)
-        return self.A @ Y + self.L.T @ (self.R @ Y)
+        product: Array = self.A @ Y + self.L.T @ (self.R @ Y)
+        return product
 
     def apply_transposed(self, X: Array) -> Array:
         """C'X for (P, m) columns."""
@@ -86,7 +90,7 @@ class Code:
 
 @dataclass(frozen=True)
 class Multiplier:
-    """U = Y3/b: U D' = V'M + drift, and U minus its part that D' sees is -J (I - D'G^-1 D); at the penalty ``b``."""
+    """U = Y3/b at the penalty ``b``: U D' = V'M + drift, and the rest of U, which D' maps to 0, -J (I - D'G^-1 D)."""
 
     V: Array
     M: Array
@@ -96,8 +100,8 @@ class Multiplier:
 
 
 @dataclass(frozen=True)
-class ImplicitProblem(Problem):
-    """The printed Lagrangian's iteration with C a :class:`Code`, E sparse and Y3 a :class:`Multiplier`.
+class ImplicitProblem(PrintedProblem):
+    """The printed Lagrangian with C a :class:`Code`, E sparse and Y3 a :class:`Multiplier`.
 
     Parameters
     ----------
@@ -105,7 +109,7 @@ class ImplicitProblem(Problem):
         Of the spatial term; None is D = I.
     dtype : numpy float type
         Of Z and of the conjugate gradients. Everything of r rows and the multipliers is in float64.
-    tol : float
+    cg_tol : float
         Relative residual of the conjugate gradients; 1e-13 in float64 makes the S-step exact to rounding.
     """
 
@@ -113,7 +117,7 @@ class ImplicitProblem(Problem):
     dtype: Any = field(default=np.float64, kw_only=True)
     cg_tol: float = field(default=1e-13, kw_only=True)
 
-    def start(self, b: float) -> State:
+    def start(self, b: float) -> PrintedState:
         """S = pinv(R) W, S# = g(S), all else zero."""
         S = self.cameras.transpose(0, 2, 1) @ self.W
         P = S.shape[2]
@@ -122,9 +126,9 @@ class ImplicitProblem(Problem):
         E = empty if self.neighbours is None else sp.csr_array(self.neighbours.D.shape, dtype=self.dtype)
         U = Multiplier(none, none, empty, None if self.neighbours is None else E, b)
         C = Code(empty, none, none, self.neighbours, none, none, empty)
-        return State(S, S, C, E, zero, zero, U, np.zeros(P), b)
+        return PrintedState(S=S, shape=S, C=C, E=E, Y1=zero, Y2=zero, Y3=U, Y4=np.zeros(P), b=b)
 
-    def code_step(self, state: State) -> Code:
+    def code_step(self, state: PrintedState) -> Code:
         """C of eq. (20): V V'M + M G = H G - V (E - U) D' in the eigenvectors of V V'.
 
         Directions of V that are fainter than the tolerance of the S-step are left out.
@@ -145,7 +149,7 @@ class ImplicitProblem(Problem):
         L, R = np.concatenate([V, U.V]), np.concatenate([M, (-s * U.M).astype(self.dtype)])
         return Code(A.astype(self.dtype), L, R, self.neighbours, V, M, fixed)
 
-    def sparse_step(self, state: State) -> sp.csr_array:
+    def sparse_step(self, state: PrintedState) -> sp.csr_array:
         """E of eq. (18): the soft threshold of Z at l1/b, in blocks of rows of Z."""
         C, U, threshold = state.C, state.Y3, self.dtype(self.l1 / state.b)
         seen = unseen = C.fixed
@@ -163,7 +167,7 @@ class ImplicitProblem(Problem):
 
         return sp.vstack(list(self._map(block, state.E.shape[1])), format="csr")
 
-    def structure_step(self, state: State) -> Array:
+    def structure_step(self, state: PrintedState) -> Array:
         """S of eq. (14) by conjugate gradients from the S before, in each frame's own axes.
 
         Image rows solve X (B + (1 + 1/b) I) = rhs and depth rows X (B + I) = rhs with B = (I - C)(I - C)'. Only the
@@ -185,14 +189,16 @@ class ImplicitProblem(Problem):
             few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
             solved = self._conjugate_gradients(C, few, shift, allowed)
             X[:, rows] += (basis @ solved.T).reshape(F, -1, P)
-        return Q.transpose(0, 2, 1) @ X
+        S: Array = Q.transpose(0, 2, 1) @ X
+        return S
 
     def _product(self, product: Callable[[Array], Array], X: Array) -> Array:
         """X C or X C' for (F, 3, P) trajectories, by the leading directions of their 3F rows."""
         flat = X.reshape(-1, X.shape[2])
         basis = _leading(flat, 0.3 * self.cg_tol)[0]
         few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
-        return (basis @ product(few).T.astype(float)).reshape(X.shape)
+        result: Array = (basis @ product(few).T.astype(float)).reshape(X.shape)
+        return result
 
     def _normal(self, C: Code, X: Array) -> Array:
         """(I - C)(I - C)' X for (P, m) columns."""
@@ -215,18 +221,18 @@ class ImplicitProblem(Problem):
             direction = R + (rho / np.maximum(before, tiny)) * direction
         return X
 
-    def gaps(self, state: State) -> dict[str, Array]:
+    def gaps(self, state: PrintedState) -> Gaps:
         """S# - g(S), S - S C, the largest entry of C D - E, and 1'C - 1'."""
         ones = np.ones((state.S.shape[2], 1), dtype=self.dtype)
         return {
             "shape": state.shape - state.S,
             "expression": state.S - self._product(state.C.apply_transposed, state.S),
-            "code": np.array(self.code_gap(state)),
+            "code": self.code_gap(state),
             "affine": state.C.apply_transposed(ones)[:, 0].astype(float) - 1,
         }
 
-    def code_gap(self, state: State) -> float:
-        """max |C D - E| over at most ``GAP_ROWS`` rows, since all would cost as much as the rest of the iteration."""
+    def code_gap(self, state: PrintedState) -> Array:
+        """max |C D - E|, shape (), over at most ``GAP_ROWS`` rows; all rows would double the cost of the iteration."""
         step = -(-state.C.shape[0] // GAP_ROWS)
 
         def block(at: slice) -> float:
@@ -239,9 +245,9 @@ class ImplicitProblem(Problem):
             _add(rows, state.E, at, -1)
             return float(max(rows.max(), -rows.min()))
 
-        return max(self._map(block, state.E.shape[1]))
+        return np.array(max(self._map(block, state.E.shape[1])))
 
-    def multiplier_step(self, state: State, gaps: dict[str, Array]) -> State:
+    def multiplier_step(self, state: PrintedState, gaps: Gaps) -> PrintedState:
         """Y += b times the violated constraint (algorithm 1)."""
         b, C, E = state.b, state.C, state.E
         J = None
@@ -256,13 +262,13 @@ class ImplicitProblem(Problem):
             Y4=state.Y4 + b * gaps["affine"],
         )
 
-    def operations(self, state: State) -> float:
-        """Multiplications and additions of the iteration that led to a state, its lower orders left out."""
+    def operations(self, state: PrintedState) -> float:
+        """Multiplications and additions of the iteration that led to a state, without lower orders."""
         P, rank = state.S.shape[2], len(state.C.V)
         rows, F = 3 * len(state.S) + 1, len(state.S)
         code = 2.0 * rows**2 * P + 4.0 * rank * rows * P
         stream = 2.0 * rank * P * P + 3.0 * P * P
-        return code + stream + state.C.operations + 12.0 * F * F * P
+        return float(code + stream + state.C.operations + 12.0 * F * F * P)
 
     def _map(self, work: Callable[[slice], Any], width: int) -> Iterator[Any]:
         """``work`` on blocks of rows, on as many threads as BLAS may use, one BLAS thread each."""
@@ -302,7 +308,7 @@ def _add(block: Array, A: sp.csr_array, at: slice, sign: int = 1) -> None:
 
 
 def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
-    """The soft threshold of (m, n) rows, of which few entries are left."""
+    """The soft threshold of (m, n) rows, as a sparse matrix of its few non-zero entries."""
     above = np.abs(Z) > threshold
     places = np.flatnonzero(above)
     values = Z.ravel()[places]
@@ -315,7 +321,7 @@ def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
 def _leading(rows: Array, tol: float) -> tuple[Array, Array]:
     """Orthonormal Q (m, k) with |rows - Q Q'rows| <= tol |rows|, and the squares of the singular values kept.
 
-    By the m x m Gram matrix, whose rounding hides what is under 1e-8 of the largest: a smaller tol keeps all.
+    By the m x m Gram matrix, whose rounding hides singular values under 1e-8 of the largest: a smaller tol keeps all.
     """
     k, Q = scipy.linalg.eigh(rows @ rows.T, check_finite=False)
     k = np.maximum(k, 0)
@@ -324,10 +330,10 @@ def _leading(rows: Array, tol: float) -> tuple[Array, Array]:
 
 
 def implicit_bytes(n_frames: int, n_points: int, n_edges: int, size: int) -> float:
-    """Bytes that the implicit iteration takes at its peak, for numbers of ``size`` bytes.
+    """Peak memory of the implicit iteration in bytes, for numbers of ``size`` bytes.
 
     As many 3F x P arrays as measured, a hundred bytes and more for each entry of the sparse matrices, and the blocks.
-    How many entries E gets is not known before: ENTRIES a track, which a penalty that is capped does not reach.
+    The number of entries of E is not known in advance; ENTRIES per track is not reached with a capped penalty.
     """
     width = 1 + n_edges / n_points
     arrays = (20 if size == 4 else 30) * 3 * n_frames * 8.0

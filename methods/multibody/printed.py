@@ -5,13 +5,15 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
     min  1/2 |W - R S|^2 + l1 |E|_1 + l2 |S#|_*
     s.t. S# = g(S),  S = S C,  C D = E,  1'C = 1',  diag(C) = 0
 
-D = I for sparse tracks; :mod:`nrsfm.methods.multibody.spatial` has the D of dense ones. :mod:`nrsfm.methods.multibody.implicit` is the same iteration
-without a P x P array. :mod:`nrsfm.methods.multibody.adaptive` has the variant with slack and weights from the data.
+D = I for sparse tracks; :mod:`nrsfm.methods.multibody.spatial` has the D of dense ones.
+:mod:`nrsfm.methods.multibody.implicit` is the same iteration without a P x P array.
+:mod:`nrsfm.methods.multibody.adaptive` has the variant with slack and weights from the data.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,24 +22,22 @@ from numpy.typing import NDArray
 from nrsfm.methods.base import (
     DIAGONALS,
     Array,
-    Mask,
     Method,
     MethodError,
-    Progress,
+    Observations,
     Reconstruction,
+    check_at_least,
     check_bodies,
-    check_cameras,
-    check_setting,
+    check_count,
+    check_positive,
     check_word,
-    no_edges,
-    stage,
     standardise,
 )
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
-from nrsfm.methods.multibody.lagrangian import Problem, dense_bytes, minimise
+from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, dense_bytes
+from nrsfm.methods.multibody.problem import minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
-from nrsfm.methods.numerics.backend import on_device, to_numpy
 from nrsfm.methods.structure.bmm import complete_by_shape
 
 FORMS = ("auto", "dense", "implicit")
@@ -49,6 +49,7 @@ CUTS = ("means", "cheapest")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class MultiBody(Method):
     """The paper's method.
 
@@ -69,95 +70,62 @@ class MultiBody(Method):
     seed : int
         Of k-means.
     cut : {"means", "cheapest"}
-        ``means``: the labels are those of k-means on the eigenvectors. ``cheapest``: of these and of splits along one
-        eigenvector at a time, those of the smaller normalised cut, which tens of thousands of tracks need.
+        ``means``: labels by k-means on the eigenvectors. ``cheapest``: by k-means or by splits along one eigenvector at
+        a time, whichever has the smaller normalised cut; needed for tens of thousands of tracks.
     spatial : float
-        Weight of the spatial term over l1, for dense tracks with neighbours; 0 leaves it out.
+        Weight of the spatial term over l1, for dense tracks with neighbours; 0 leaves the term out.
     form : {"auto", "dense", "implicit"}
-        ``implicit`` keeps the code as a sparse and a low-rank matrix, with the same iterates to rounding; ``auto``
+        ``implicit`` keeps the code as a sparse plus a low-rank matrix, with the same iterates to rounding; ``auto``
         takes it where the dense form would need more than ``dense_gb``.
     dense_gb : float
         In GB (2^30 bytes).
     precision : {"double", "single"}
-        Of the implicit form. Single solves the S-step to 1e-5 and keeps no direction of S that is fainter.
-    device : str or None
-        Where the dense form computes, without the spatial term: None is numpy, ``cpu`` and ``cuda`` are PyTorch's.
+        Of the implicit form. Single solves the S-step to 1e-5 and drops fainter directions of S.
     """
 
     provides = frozenset({"labels", "structure"})
+    handles_gaps = True
     version = "2"
 
-    def __init__(
-        self,
-        *,
-        l1: float = 3e-3,
-        l2: float = 0.1,
-        penalty: float = 1e-3,
-        growth: float = 1.1,
-        max_penalty: float = 1e3,
-        max_iter: int = 250,
-        tol: float = 1e-8,
-        diagonal: str = "threshold",
-        seed: int = 0,
-        cut: str = "means",
-        spatial: float = 0.0,
-        form: str = "auto",
-        dense_gb: float = 0.25,
-        precision: str = "double",
-        device: str | None = None,
-    ) -> None:
-        self.l1 = l1
-        self.l2 = l2
-        self.penalty = penalty
-        self.growth = growth
-        self.max_penalty = max_penalty
-        self.max_iter = max_iter
-        self.tol = tol
-        self.diagonal = diagonal
-        self.seed = seed
-        self.cut = cut
-        self.spatial = spatial
-        self.form = form
-        self.dense_gb = dense_gb
-        self.precision = precision
-        self.device = device
+    l1: float = 3e-3
+    l2: float = 0.1
+    penalty: float = 1e-3
+    growth: float = 1.1
+    max_penalty: float = 1e3
+    max_iter: int = 250
+    tol: float = 1e-8
+    diagonal: str = "threshold"
+    seed: int = 0
+    cut: str = "means"
+    spatial: float = 0.0
+    form: str = "auto"
+    dense_gb: float = 0.25
+    precision: str = "double"
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        check_cameras(cameras, len(tracks))
-        data = standardise(complete_by_shape(tracks, cameras, visible, progress))
-        check_bodies(n_bodies, tracks.shape[2], least=1)
+        cameras, n_points = observations.required_cameras(), observations.tracks.shape[2]
+        check_bodies(n_bodies, n_points, least=1)
         self._check_settings()
-        if visible is not None and self.device is not None:
-            raise MethodError("method.device does not go with gaps in the tracks; leave it out")
-        problem = self._problem(data.W, cameras, no_edges() if edges is None else edges)
-        state = problem.start(self.penalty)
-        stage(progress, "structure and code")
+        data = standardise(complete_by_shape(observations))
+        problem = self._problem(data.W, cameras, observations.edges)
+        observations.stage("structure and code")
         state, history = minimise(
             problem,
-            state,
+            problem.start(self.penalty),
             self.max_iter,
             self.tol,
             growth=self.growth,
             max_penalty=self.max_penalty,
-            visible=visible,
-            progress=progress,
+            visible=observations.visible,
+            progress=observations.progress,
         )
-        code = abs(to_numpy(state.E)[:, : tracks.shape[2]])
+        code = abs(state.E[:, :n_points])
         affinity = code + code.T
-        stage(progress, "clustering")
+        observations.stage("clustering")
         return Reconstruction(
             labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cheapest=self.cut == "cheapest"),
-            structure=to_numpy(state.S) * data.scale,
+            structure=state.S * data.scale,
             cameras=cameras,
             affinity=affinity,
             history=history,
@@ -174,29 +142,26 @@ class MultiBody(Method):
         large = dense_bytes(n_frames, n_points, n_edges) > self.dense_gb * 2**30
         return self.form == "implicit" or (self.form == "auto" and self.diagonal == "threshold" and large)
 
-    def _problem(self, W: Array, cameras: Array, edges: NDArray[np.int64]) -> Problem:
-        printed = (W, cameras, self.l1, self.l2, self.diagonal)
+    def _problem(self, W: Array, cameras: Array, edges: NDArray[np.int64] | None) -> PrintedProblem:
+        pairs = np.zeros((0, 2), dtype=np.int64) if edges is None else edges
         F, _, P = W.shape
-        implicit = self._implicit(F, P, len(edges) if self.spatial else 0)
-        dtype, tol = PRECISIONS[self.precision] if implicit else PRECISIONS["double"]
-        neighbours = Neighbours(edges, P, self.spatial, dtype) if self.spatial else None
+        implicit = self._implicit(F, P, len(pairs) if self.spatial else 0)
+        dtype, tol = PRECISIONS[self.precision if implicit else "double"]
+        neighbours = Neighbours(pairs, P, self.spatial, dtype) if self.spatial else None
         if implicit:
-            return ImplicitProblem(*printed, neighbours=neighbours, dtype=dtype, cg_tol=tol)
+            return ImplicitProblem(W, cameras, self.l1, self.l2, neighbours=neighbours, dtype=dtype, cg_tol=tol)
         if neighbours:
-            return SpatialProblem(*printed, neighbours=neighbours)
-        W, cameras = on_device(W, self.device), on_device(cameras, self.device)
-        return Problem(W, cameras, self.l1, self.l2, self.diagonal)
+            return SpatialProblem(W, cameras, self.l1, self.l2, neighbours=neighbours)
+        return DenseProblem(W, cameras, self.l1, self.l2, self.diagonal)
 
     def _check_settings(self) -> None:
         for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
             check_word(self, name, words)
-        for name in ("l1", "l2", "penalty", "max_penalty", "tol"):
-            check_setting(self, name, 0)
-        if self.device is not None and (self.spatial or self.form != "dense"):
-            raise MethodError("method.device goes with method.form=dense and method.spatial=0")
-        if self.form == "implicit" and self.diagonal != "threshold":
-            raise MethodError("method.form=implicit keeps the diagonal by method.diagonal=threshold alone")
-        for name in ("spatial", "dense_gb"):
-            check_setting(self, name, 0, strict=False)
-        check_setting(self, "growth", 1, strict=False)
-        check_setting(self, "max_iter", 1, strict=False, whole=True)
+        check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
+        check_at_least(self, 0, "spatial", "dense_gb")
+        check_at_least(self, 1, "growth")
+        check_count(self, "max_iter")
+        if self.diagonal != "threshold" and (self.spatial or self.form == "implicit"):
+            raise MethodError(
+                f"MultiBody: diagonal is {self.diagonal!r}; the spatial term and the implicit form need 'threshold'"
+            )

@@ -3,12 +3,12 @@
     l1 |C [I, w N]|_1 = l1 (|C|_1 + w sum over neighbours i, j of |C_i - C_j|_1)
 
 With D = [I, w N], N (P, edges) the incidence matrix of the neighbours' graph, the code's constraint C = E becomes
-C D = E. Each edge stands once; the paper's P x 4P matrix holds each twice. Kumar, Dai, Li, 3DV 2016, eqs. (7) to (11).
+C D = E. Each edge occurs once here and twice in the paper's P x 4P matrix. Kumar, Dai, Li, 3DV 2016, eqs. (7) to (11).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from nrsfm.methods.base import Array, MethodError
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
 from nrsfm.methods.numerics.proximal import soft
 
-MOST_STEPS = 500  # of conjugate gradients, where rounding keeps them from the tolerance
+MOST_STEPS = 500  # of conjugate gradients, in case that rounding keeps them above the tolerance
 
 
 class Neighbours:
-    """D = [I, w N] for the code, and what its steps need of G = D D' = I + w^2 L, L the graph's Laplacian.
+    """The matrix D = [I, w N] and solvers with G = D D' = I + w^2 L, L the graph's Laplacian.
 
     Parameters
     ----------
     edges : (E, 2) int array
-        Pairs of neighbours; loops are dropped, pairs that stand twice are joined.
+        Pairs of neighbours; loops and repeated pairs are dropped.
     n_points : int
     weight : float
         w, the spatial term's weight over l1.
@@ -39,7 +39,7 @@ class Neighbours:
     Raises
     ------
     MethodError
-        If there is no pair, or one names a track that is not there.
+        If there is no pair, or one has an index outside 0..n_points - 1.
     """
 
     def __init__(self, edges: NDArray[np.int64], n_points: int, weight: float, dtype: Any = np.float64) -> None:
@@ -63,11 +63,13 @@ class Neighbours:
 
     def gather(self, E: Array) -> Array:
         """E D' for (m, P + E) rows."""
-        return (self.D @ E.T).T
+        rows: Array = (self.D @ E.T).T
+        return rows
 
     def solve(self, B: Array) -> Array:
         """X of G X = B for (P, m) columns, by the sparse factors of G."""
-        return self._factor.solve(np.asfortranarray(B))
+        X: Array = self._factor.solve(np.asfortranarray(B))
+        return X
 
     def solve_shifted(self, B: Array, shifts: Array, tol: float = 1e-14) -> Array:
         """X with X_i (G + k_i I) = B_i for each of the (m, P) rows, by conjugate gradients.
@@ -91,8 +93,8 @@ class Neighbours:
 
 
 @dataclass(frozen=True)
-class SpatialProblem(Problem):
-    """The Lagrangian with C D = E in place of C = E; E and Y3 of the state are (P, P + edges).
+class SpatialProblem(PrintedProblem):
+    """The printed Lagrangian with the spatial term; E and Y3 of the state are (P, P + edges).
 
     Parameters
     ----------
@@ -101,13 +103,12 @@ class SpatialProblem(Problem):
 
     neighbours: Neighbours = field(kw_only=True)
 
-    def start(self, b: float) -> State:
-        """As without the spatial term; E and Y3 are wider."""
-        state = super().start(b)
+    def start(self, b: float) -> PrintedState:
+        """S = pinv(R) W, S# = g(S), all else zero."""
         wide = np.zeros(self.neighbours.D.shape)
-        return State(state.S, state.shape, state.C, wide, state.Y1, state.Y2, wide, state.Y4, b)
+        return replace(super().start(b), E=wide, Y3=wide)
 
-    def code_step(self, state: State) -> Array:
+    def code_step(self, state: PrintedState) -> Array:
         """C of eq. (20): (S'S + 11') C + C G = S'S + S'Y2/b + 11' - 1 Y4/b + (E - Y3/b) D'."""
         V, H = self.code_rows(state)
         return self.solve_code(V, H, self.neighbours.gather(state.E - state.Y3 / state.b))
@@ -120,16 +121,17 @@ class SpatialProblem(Problem):
         """
         B = V.T @ H + N
         _, s, U = scipy.linalg.svd(V, full_matrices=False, check_finite=False)
-        C = self.neighbours.solve(B.T).T
         seen = U @ B
-        return C + U.T @ (self.neighbours.solve_shifted(seen, s**2) - self.neighbours.solve(seen.T).T)
+        change: Array = U.T @ (self.neighbours.solve_shifted(seen, s**2) - self.neighbours.solve(seen.T).T)
+        return self.neighbours.solve(B.T).T + change
 
-    def sparse_step(self, state: State) -> Array:
+    def sparse_step(self, state: PrintedState) -> Array:
         """E of eq. (18): soft threshold of C D + Y3/b at l1/b, the diagonal of its part for C zero."""
         E = soft(self.neighbours.differences(state.C) + state.Y3 / state.b, self.l1 / state.b)
         np.fill_diagonal(E[:, : len(E)], 0)
         return E
 
-    def code_gap(self, state: State) -> Array:
+    def code_gap(self, state: PrintedState) -> Array:
         """C D - E."""
-        return self.neighbours.differences(state.C) - state.E
+        gap: Array = self.neighbours.differences(state.C) - state.E
+        return gap

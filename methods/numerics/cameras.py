@@ -1,9 +1,10 @@
-"""The frame's own axes: two image rows and the viewing direction."""
+"""The axes of a frame's camera: two image rows and the viewing direction."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from nrsfm.methods.base import Array
-from nrsfm.methods.numerics.backend import namespace
 
 
 def axes(cameras: Array) -> Array:
@@ -11,6 +12,5 @@ def axes(cameras: Array) -> Array:
 
     In these axes R'R of W = R S (Kumar, Dai, Li, 3DV 2016, eq. 1) is diag(1, 1, 0): image rows and depth rows decouple.
     """
-    xp = namespace(cameras)
-    across = xp.linalg.cross(cameras[:, 0, :], cameras[:, 1, :])
-    return xp.concat([cameras, xp.reshape(across, (-1, 1, 3))], axis=1)
+    across = np.cross(cameras[:, 0, :], cameras[:, 1, :])
+    return np.concatenate([cameras, across[:, None]], axis=1)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+import scipy.linalg
+
 from nrsfm.methods.base import Array
-from nrsfm.methods.numerics.backend import namespace, symmetric_eigen, thin_svd
+from nrsfm.methods.numerics.linear import symmetric_eigen
 
 
 def soft(X: Array, threshold: float) -> Array:
@@ -12,7 +15,7 @@ def soft(X: Array, threshold: float) -> Array:
     Boyd, Parikh, Chu, Peleato, Eckstein, "Distributed optimization and statistical learning via the alternating
     direction method of multipliers", 2011, section 4.4.3.
     """
-    return X - namespace(X).clip(X, -threshold, threshold)
+    return X - np.clip(X, -threshold, threshold)
 
 
 def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
@@ -40,13 +43,12 @@ def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
     if M.shape[0] > M.shape[1]:
         shrunk, norm = singular_value_threshold(M.T, threshold)
         return shrunk.T, norm
-    xp = namespace(M)
     w, U = symmetric_eigen(M @ M.T)
-    s = xp.sqrt(xp.clip(w, 0.0, None))
-    if threshold < 1e-6 * float(s[-1]):
-        U, s, Vt = thin_svd(M)
-        kept = xp.clip(s - threshold, 0.0, None)
-        return (U * kept) @ Vt, float(xp.sum(kept))
-    start = int(xp.sum(xp.astype(s <= threshold, xp.int64)))  # ascending
+    s = np.sqrt(np.maximum(w, 0))
+    if threshold < 1e-6 * s[-1]:
+        U, s, Vt = scipy.linalg.svd(M, full_matrices=False, check_finite=False)
+        kept = np.maximum(s - threshold, 0)
+        return (U * kept) @ Vt, float(kept.sum())
+    start = int((s <= threshold).sum())  # ascending
     U, s = U[:, start:], s[start:]
-    return (U * (1 - threshold / s)) @ (U.T @ M), float(xp.sum(s - threshold))
+    return (U * (1 - threshold / s)) @ (U.T @ M), float((s - threshold).sum())

@@ -8,27 +8,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nrsfm.methods.base import (
     Array,
     Mask,
     Method,
     MethodError,
+    Observations,
     Progress,
     Reconstruction,
-    check_cameras,
-    check_setting,
-    stage,
+    check_at_least,
+    check_count,
+    check_positive,
     standardise,
 )
 from nrsfm.methods.gaps import fill, misfit
+from nrsfm.methods.numerics.admm import Admm
+from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 
 @dataclass(frozen=True)
 class ShapeFit:
-    """Solution of the shape step, and where its ADMM stands.
+    """Solution of the shape step, with the multiplier and penalty that its ADMM ended with.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ class ShapeFit:
     iterations: int
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class BMM(Method):
     """min |S#|_* + 1/(2 l2) |W - R S|^2 with given cameras; l2 = 0 demands R S = W.
 
@@ -68,38 +71,31 @@ class BMM(Method):
     """
 
     provides = frozenset({"structure"})
+    handles_gaps = True
 
-    def __init__(self, *, l2: float = 0.0, rank: int | None = None, max_iter: int = 6000, tol: float = 1e-4) -> None:
-        self.l2 = l2
-        self.rank = rank
-        self.max_iter = max_iter
-        self.tol = tol
+    l2: float = 0.0
+    rank: int | None = None
+    max_iter: int = 6000
+    tol: float = 1e-4
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None = 1,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
-        check_setting(self, "l2", 0, strict=False)
-        check_setting(self, "max_iter", 1, strict=False, whole=True)
-        check_setting(self, "tol", 0)
+        check_at_least(self, 0, "l2")
+        check_count(self, "max_iter")
+        check_positive(self, "tol")
         if self.rank is not None:
-            check_setting(self, "rank", 1, strict=False, whole=True)
-        check_cameras(cameras, len(tracks))
-        data = standardise(tracks, visible)
-        stage(progress, "structure")
-        fit = fit_shape(data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
+            check_count(self, "rank")
+        cameras, visible = observations.required_cameras(), observations.visible
+        data = standardise(observations.tracks, visible)
+        observations.stage("structure")
+        fit = fit_shape(
+            data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=observations.progress
+        )
         S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """Ten arrays of 3F x P, as measured. See :meth:`nrsfm.methods.base.Method.memory`."""
+        """Bytes of ten arrays of 3F x P, as measured."""
         return 8.0 * 10 * 3 * n_frames * n_points
 
 
@@ -117,8 +113,8 @@ def fit_shape(
     """The shape step of the block matrix method, by ADMM on the split S# = g(S).
 
     With V = S# + Y/b the S-step is S = V + R'(W - R V) / (1 + b l2) because R R' = I; for l2 = 0 it is the projection
-    onto R S = W. Where tracks have gaps, the residual W - R V is :func:`nrsfm.methods.gaps.misfit`: hidden points keep V, and
-    each frame has a translation of its own; both are exact minimisers. The S#-step is a singular value threshold at
+    onto R S = W. Where tracks have gaps, the residual W - R V is :func:`nrsfm.methods.gaps.misfit`: hidden points keep
+    V, and each frame has its own translation; both are exact minimisers. The S#-step is a singular value threshold at
     1/b. One iteration costs a threshold, O(F^2 3P).
 
     Parameters
@@ -152,10 +148,10 @@ def fit_shape(
     b = penalty or 20.0 / float(np.linalg.norm(S.reshape(F, 3 * P), 2))
     Z = S.copy()
     Y = np.zeros_like(S)  # scaled multiplier of g(S) = S#, Y/b
-    size = max(float(np.linalg.norm(W)), float(np.finfo(float).tiny))
-    norm = residual = 0.0
-    iteration = 0
-    for iteration in range(1, max_iter + 1):
+    size = max(float(np.linalg.norm(W)), TINY)
+    norm = 0.0
+    admm = Admm(max_iter, tol, b, progress=progress)
+    for b in admm:
         V = Z + Y
         S = V + Rt @ misfit(W, cameras @ V, visible) / (1 + b * l2)
         S_relaxed = 1.6 * S + (1 - 1.6) * Z  # over-relaxation
@@ -163,30 +159,21 @@ def fit_shape(
         flat, norm = singular_value_threshold((S_relaxed - Y).reshape(F, 3 * P), 1 / b)
         Z = flat.reshape(F, 3, P)
         Y += Z - S_relaxed
-        primal = float(np.linalg.norm(Z - S)) / size
-        dual = float(np.linalg.norm(Z - before)) / size
-        residual = max(primal, dual)
-        if progress is not None:
-            progress(iteration, max_iter, {"primal": primal, "dual": dual})
-        if residual < tol:
-            break
-        if iteration % 10 == 0 and iteration < max_iter // 2:
-            factor = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
-            b *= factor
-            Y /= factor
-    return ShapeFit(S, Z, b * Y, b, norm, residual, iteration)
+        Y /= admm.balance(float(np.linalg.norm(Z - S)) / size, float(np.linalg.norm(Z - before)) / size)
+    return ShapeFit(S, Z, b * Y, b, norm, admm.residual, admm.iteration)
 
 
-def complete_by_shape(tracks: Array, cameras: Array, visible: Mask | None, progress: Progress | None = None) -> Array:
-    """Tracks whose gaps hold what the structure of least nuclear norm shows there (R S = W where visible), centred.
+def complete_by_shape(observations: Observations) -> Array:
+    """Centred tracks whose gaps are filled with the images of the structure of least nuclear norm.
 
-    Tracks without gaps, ``visible`` None, stay as they are.
+    That structure meets R S = W where tracks are visible. Tracks without gaps are returned as they are.
     """
+    visible, cameras = observations.visible, observations.required_cameras()
     if visible is None:
-        return tracks
-    data = standardise(tracks, visible)
-    stage(progress, "gaps")
-    fit = fit_shape(data.W, cameras, 0.0, visible, progress=progress)
+        return observations.tracks
+    data = standardise(observations.tracks, visible)
+    observations.stage("gaps")
+    fit = fit_shape(data.W, cameras, 0.0, visible, progress=observations.progress)
     return data.scale * fill(data.W, cameras @ fit.structure, visible)
 
 
@@ -196,4 +183,5 @@ def cut_rank(structure: Array, rank: int) -> Array:
     if not rank >= 1:
         raise MethodError(f"rank is {rank}, wanted at least 1")
     U, s, Vt = np.linalg.svd(structure.reshape(F, 3 * P), full_matrices=False)
-    return ((U[:, :rank] * s[:rank]) @ Vt[:rank]).reshape(F, 3, P)
+    cut: Array = ((U[:, :rank] * s[:rank]) @ Vt[:rank]).reshape(F, 3, P)
+    return cut

@@ -6,24 +6,15 @@ representation for nonrigid structure from motion", PAMI 2011.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
-from nrsfm.methods.base import (
-    Array,
-    Mask,
-    Method,
-    MethodError,
-    Progress,
-    Reconstruction,
-    check_cameras,
-    check_setting,
-    stage,
-    standardise,
-)
+from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Reconstruction, check_count, standardise
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class PTA(Method):
     """Point trajectory approach: S# = Theta A, with Theta the first K vectors of the discrete cosine transform.
 
@@ -34,39 +25,31 @@ class PTA(Method):
     """
 
     provides = frozenset({"structure"})
+    handles_gaps = True
 
-    def __init__(self, *, rank: int = 9) -> None:
-        self.rank = rank
+    rank: int = 9
 
-    def reconstruct(
-        self,
-        tracks: Array,
-        cameras: Array,
-        n_bodies: int | None = 1,
-        *,
-        visible: Mask | None = None,
-        edges: NDArray[np.int64] | None = None,
-        progress: Progress | None = None,
-    ) -> Reconstruction:
+    def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
-        check_setting(self, "rank", 1, strict=False, whole=True)
-        data = standardise(tracks, visible)
-        check_cameras(cameras, len(data.W))
+        check_count(self, "rank")
+        cameras, visible = observations.required_cameras(), observations.visible
+        data = standardise(observations.tracks, visible)
         if self.rank > len(data.W):
             raise MethodError(f"PTA: rank is {self.rank}, but {len(data.W)} frames have as many vectors; lower it")
-        stage(progress, "structure")
+        observations.stage("structure")
         S = fit_trajectories(data.W, cameras, self.rank, visible)
         S -= S.mean(axis=2, keepdims=True)  # where there are no gaps it is centred already
         return Reconstruction(structure=S * data.scale, cameras=cameras)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """The structure, the tracks and the matrix of the system. See :meth:`nrsfm.methods.base.Method.memory`."""
+        """Bytes of the structure, the tracks and the matrix of the system."""
         return 8.0 * (4 * 3 * n_frames * n_points + 4 * 2 * n_frames * 3 * min(self.rank, n_frames))
 
 
 def trajectory_basis(n_frames: int, rank: int) -> Array:
     """Theta: the first vectors of the discrete cosine transform, (F, K) with orthonormal columns."""
-    return scipy.fft.idct(np.eye(n_frames, rank), axis=0, norm="ortho")
+    theta: Array = scipy.fft.idct(np.eye(n_frames, rank), axis=0, norm="ortho")
+    return theta
 
 
 def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None = None) -> Array:
@@ -99,4 +82,5 @@ def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None =
         for p in range(P):
             seen = np.repeat(visible[:, p], 2)
             A[:, p] = np.linalg.lstsq(Lambda[seen], W[:, :, p].reshape(2 * F)[seen], rcond=None)[0]
-    return np.einsum("fk,kjp->fjp", Theta, A.reshape(rank, 3, P))
+    S: Array = np.einsum("fk,kjp->fjp", Theta, A.reshape(rank, 3, P))
+    return S

@@ -12,12 +12,13 @@ from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
 from nrsfm.methods.base import Array, MethodError, standardise
+from nrsfm.methods.numerics.admm import balancing_factor
 
-#: Weights of the metric constraints to start from: low ones stand noise, high ones bend to an exact subspace.
+#: Weights of the metric constraints to start from: low ones suit noisy tracks, high ones an exact subspace.
 WEIGHTS = (1e0, 1e1, 1e3)
 
 
-#: Shapes K of a scene that nothing better is known of.
+#: Number of shapes K by default.
 RANK = 11
 
 
@@ -36,7 +37,7 @@ class GramFit:
 
     @property
     def gap(self) -> float:
-        """How far at most the objective is above the optimum, relative to it."""
+        """Upper bound of the objective's excess over the optimum, relative to the objective."""
         return (self.objective - self.bound) / self.objective
 
 
@@ -97,7 +98,7 @@ def factor(W: Array, rank: int) -> Array:
         raise MethodError(
             "cameras cannot be estimated: the tracks have rank less than 3 (a flat scene or a fixed camera)"
         )
-    M = (U[:, :n] * np.sqrt(d[:n])).reshape(F, 2, n)
+    M: Array = (U[:, :n] * np.sqrt(d[:n])).reshape(F, 2, n)
     lengths = np.linalg.norm(M, axis=2)
     empty = np.flatnonzero((lengths < 1e-9 * lengths.max()).any(axis=1))
     if len(empty):
@@ -110,9 +111,9 @@ def metric_upgrade(M: Array, start: str = "trace_norm", refined: bool = True) ->
 
     From ``trace_norm``, the Gram matrix Q = G G' comes from :func:`fit_gram`, once for every weight of :data:`WEIGHTS`;
     from ``rigid``, from the first three columns of M alone, as if the scene were rigid. The best factors of rank 3 are
-    refined by :func:`refine`, and the lowest is kept. With several shapes the residual is flat: K triples of columns
-    solve an exact problem, and so does whatever lies between them, so that little separates cameras that are right
-    from cameras that are a few degrees off.
+    refined by :func:`refine`, and the one of least residual is kept. With several shapes the residual is flat: K
+    triples of columns solve an exact problem, and so do their mixtures, so that cameras a few degrees off fit nearly as
+    well as the right ones.
 
     References
     ----------
@@ -128,7 +129,7 @@ def metric_upgrade(M: Array, start: str = "trace_norm", refined: bool = True) ->
     else:
         starts = [_rank_three(fit_gram(M, weight).Q) for weight in WEIGHTS]
     upgrades = [refine(M, G) if refined else (G, float(np.sum(residuals(M, G) ** 2))) for G in starts]
-    return min(upgrades, key=lambda found: found[1])
+    return min(upgrades, key=lambda upgrade: upgrade[1])
 
 
 def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float = 1e-5) -> GramFit:
@@ -199,7 +200,7 @@ def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float 
             primal = float(np.linalg.norm(x - z) / np.linalg.norm(z))
             dual = float(b * np.linalg.norm(z - before) / np.linalg.norm(trace))
             if iteration < max_iter // 2:
-                change = 2.0 if primal > 5 * dual else 0.5 if dual > 5 * primal else 1.0
+                change = balancing_factor(primal, dual)
                 b *= change
                 u /= change
     return fit
@@ -215,13 +216,13 @@ def constraints(M: Array) -> Array:
 
 
 def svec(Q: Array) -> Array:
-    """The upper triangle of a symmetric matrix, off-diagonals times sqrt 2: inner products stay what they are."""
+    """The upper triangle of a symmetric matrix, off-diagonals times sqrt 2, which preserves inner products."""
     i, j = np.triu_indices(len(Q))
     return Q[i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
 
 
 def smat(q: Array, n: int) -> Array:
-    """The symmetric (n, n) matrix of :func:`svec`."""
+    """The symmetric (n, n) matrix of an upper triangle by :func:`svec`."""
     i, j = np.triu_indices(n)
     Q = np.zeros((n, n))
     Q[i, j] = Q[j, i] = q / np.where(i == j, 1.0, np.sqrt(2.0))
@@ -231,7 +232,7 @@ def smat(q: Array, n: int) -> Array:
 def refine(M: Array, G: Array, max_evaluations: int = 100) -> tuple[Array, float]:
     """Refine an (n, 3) factor by least squares on :func:`residuals`; returns it with the sum of squares."""
     shape = G.shape
-    found = least_squares(
+    solution = least_squares(
         lambda g: residuals(M, g.reshape(shape)),
         G.ravel(),
         jac=lambda g: jacobian(M, g.reshape(shape)),
@@ -241,13 +242,13 @@ def refine(M: Array, G: Array, max_evaluations: int = 100) -> tuple[Array, float
         gtol=1e-15,
         max_nfev=max_evaluations,
     )
-    return found.x.reshape(shape), 2 * float(found.cost)
+    return solution.x.reshape(shape), 2 * float(solution.cost)
 
 
 def residuals(M: Array, G: Array) -> Array:
     """1 - |b|^2/|a|^2 of all frames, then 2 a.b/|a|^2, with a = m1 G, b = m2 G: (2F,) from (F, 2, n) and (n, 3).
 
-    They do not see the scale of a frame, so that every frame counts alike.
+    They do not depend on the scale of a frame, so that every frame has the same weight.
     """
     a, b = (M @ G).transpose(1, 0, 2)
     aa = (a * a).sum(axis=1)
@@ -261,7 +262,8 @@ def jacobian(M: Array, G: Array) -> Array:
     by_a = np.concatenate([2 * bb / aa**2 * a, 2 / aa * b - 4 * ab / aa**2 * a])
     by_b = np.concatenate([-2 / aa * b, 2 / aa * a])
     m1, m2 = (np.tile(M[:, row], (2, 1)) for row in (0, 1))
-    return (m1[:, :, None] * by_a[:, None] + m2[:, :, None] * by_b[:, None]).reshape(len(m1), -1)
+    derivatives: Array = (m1[:, :, None] * by_a[:, None] + m2[:, :, None] * by_b[:, None]).reshape(len(m1), -1)
+    return derivatives
 
 
 def orthonormal_rows(A: Array) -> Array:
@@ -270,7 +272,7 @@ def orthonormal_rows(A: Array) -> Array:
     A pair and its negative explain the same motion of the rows; the one nearer to the frame before is kept.
     """
     U, _, Vt = np.linalg.svd(A, full_matrices=False)
-    R = U @ Vt
+    R: Array = U @ Vt
     agreement = np.einsum("fij,fij->f", R[1:], R[:-1])
     R[1:] *= np.cumprod(np.where(agreement < 0, -1.0, 1.0))[:, None, None]
     return R
@@ -279,10 +281,12 @@ def orthonormal_rows(A: Array) -> Array:
 def _project(Q: Array) -> Array:
     """Nearest positive semidefinite matrix."""
     w, V = np.linalg.eigh(Q)
-    return (V * np.maximum(w, 0)) @ V.T
+    nearest: Array = (V * np.maximum(w, 0)) @ V.T
+    return nearest
 
 
 def _rank_three(Q: Array) -> Array:
     """G (n, 3) with G G' the best approximation of Q of rank 3; columns that vanish get a thousandth of the first."""
     w, V = np.linalg.eigh(Q)
-    return V[:, -3:] * np.sqrt(np.maximum(w[-3:], 1e-6 * w[-1]))
+    G: Array = V[:, -3:] * np.sqrt(np.maximum(w[-3:], 1e-6 * w[-1]))
+    return G

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,44 +11,47 @@ import scipy.linalg
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.cameras import orbit
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.base import Array
+from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
+from nrsfm.methods.multibody.problem import iterate
+from tests.benchmarks.timing import timed
+from tests.methods.parts import random_state
 
 SIZES = (116, 500, 1000)
 FRAMES = 100
 
 
-def middle(P: int) -> tuple[Problem, State]:
+def middle(P: int) -> tuple[DenseProblem, PrintedState]:
     """A problem of P tracks and a state in the middle of a solve."""
     rng = np.random.default_rng(0)
-
-    def triple() -> np.ndarray:
-        return rng.standard_normal((FRAMES, 3, P))
-
-    def square() -> np.ndarray:
-        return rng.standard_normal((P, P)) / P
-
-    problem = Problem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
-    return problem, State(triple(), triple(), square(), square(), triple(), triple(), square(), np.zeros(P), 1.0)
+    problem = DenseProblem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
+    state = random_state(rng, FRAMES, P)
+    scaled = {name: getattr(state, name) / (0.3 * P) for name in ("C", "E", "Y3")}
+    return problem, replace(state, **scaled, Y4=np.zeros(P), b=1.0)
 
 
-def structure_by_sylvester(problem: Problem, state: State) -> np.ndarray:
+def structure_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     F, _, P = problem.W.shape
     b, M = state.b, np.eye(P) - state.C
     R = scipy.linalg.block_diag(*problem.cameras)
     flat = {name: getattr(state, name).reshape(3 * F, P) for name in ("shape", "Y1", "Y2")}
     rhs = R.T @ problem.W.reshape(2 * F, P) / b + flat["shape"] + flat["Y1"] / b - flat["Y2"] / b @ M.T
-    return np.reshape(scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs), (F, 3, P))
+    S: Array = scipy.linalg.solve_sylvester((R.T @ R + b * np.eye(3 * F)) / b, M @ M.T, rhs).reshape(F, 3, P)
+    return S
 
 
-def code_by_sylvester(problem: Problem, state: State) -> np.ndarray:
+def code_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     P, b = state.C.shape[0], state.b
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
     K = S.T @ S + ones
     rhs = K + S.T @ Y2 / b + state.E - state.Y3 / b - np.outer(np.ones(P), state.Y4) / b
-    return np.asarray(scipy.linalg.solve_sylvester(K, np.eye(P), rhs))
+    C: Array = scipy.linalg.solve_sylvester(K, np.eye(P), rhs)
+    return C
 
 
-Step = Callable[[Problem, State], np.ndarray]
+Step = Callable[[DenseProblem, PrintedState], Array]
+
+
 STEPS: dict[str, tuple[Step, Step]] = {
     "structure": (lambda p, s: p.structure_step(s), structure_by_sylvester),
     "code": (lambda p, s: p.code_step(s), code_by_sylvester),
@@ -61,11 +65,11 @@ def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None
     benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
     solve = STEPS[step][kind == "sylvester"]
-    solution = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
-    np.testing.assert_allclose(solution, STEPS[step][0](problem, state), atol=1e-7)
+    found = timed(benchmark, 3, 1, solve, problem, state)
+    np.testing.assert_allclose(found, STEPS[step][0](problem, state), atol=1e-7)
 
 
-def unavoidable(problem: Problem, state: State) -> None:
+def unavoidable(problem: DenseProblem, state: PrintedState) -> None:
     """The BLAS and LAPACK calls of one iteration, on operands of its sizes, and nothing else.
 
     Products: S'S (half), S'Y2, Y2 M', M M' (half), S C, the threshold's Gram matrix (half) and recomposition;
@@ -93,11 +97,7 @@ def unavoidable(problem: Problem, state: State) -> None:
 def test_iteration(benchmark: BenchmarkFixture, P: int, kind: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
-
-    def run() -> None:
-        if kind == "iteration":
-            problem.iterate(state)
-        else:
-            unavoidable(problem, state)
-
-    benchmark.pedantic(run, rounds=5, warmup_rounds=1)
+    if kind == "iteration":
+        timed(benchmark, 5, 1, iterate, problem, state)
+    else:
+        timed(benchmark, 5, 1, unavoidable, problem, state)

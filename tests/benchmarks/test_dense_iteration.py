@@ -16,7 +16,10 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from nrsfm.datasets.generated import procedural
 from nrsfm.methods.base import standardise
 from nrsfm.methods.multibody.implicit import ImplicitProblem, Multiplier
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
+from nrsfm.methods.multibody.problem import iterate
+from tests.benchmarks.timing import timed
+from tests.methods.parts import present
 
 FRAMES = 99
 FORMS: dict[str, dict[str, Any]] = {
@@ -26,43 +29,43 @@ FORMS: dict[str, dict[str, Any]] = {
 
 
 @cache
-def middle(P: int) -> tuple[ImplicitProblem, State]:
+def middle(P: int) -> tuple[ImplicitProblem, PrintedState]:
     """60 iterations into a solve of two surfaces, b = .3."""
     scene = procedural.load_scene(["face", "heart"], [P // 2, P - P // 2], FRAMES, 0, name="surfaces")
     W = standardise(scene.tracks).W
-    assert scene.cameras is not None
-    problem = ImplicitProblem(W, scene.cameras, 3e-3, 0.1, **FORMS["implicit, single"])
+    problem = ImplicitProblem(W, present(scene.cameras), 3e-3, 0.1, **FORMS["implicit, single"])
     state = problem.start(1e-3)
     for _ in range(60):
-        state = problem.iterate(state)[0]
+        state = iterate(problem, state)[0]
         state = replace(state, b=1.1 * state.b)
     return problem, state
 
 
 @cache
-def densified(P: int) -> tuple[Problem, State]:
+def densified(P: int) -> tuple[DenseProblem, PrintedState]:
     """The same iterate for the dense problem."""
     problem, state = middle(P)
     U: Multiplier = state.Y3
     Y3 = U.b * (U.V.T @ U.M + U.drift.toarray()).astype(float)
     C, E = state.C.rows(slice(0, P)).astype(float), state.E.toarray().astype(float)
-    return Problem(problem.W, problem.cameras, problem.l1, problem.l2), replace(state, C=C, E=E, Y3=Y3)
+    return DenseProblem(problem.W, problem.cameras, problem.l1, problem.l2), replace(state, C=C, E=E, Y3=Y3)
 
 
 @cache
 def structure(P: int) -> np.ndarray:
     """What the dense iteration makes of it."""
     problem, state = densified(P)
-    return problem.iterate(state)[0].S
+    return iterate(problem, state)[0].S
 
 
 @pytest.mark.parametrize("P", [1000, 3275])
 @pytest.mark.parametrize("form", ["dense", *FORMS])
 def test_iteration(benchmark: BenchmarkFixture, P: int, form: str) -> None:
     benchmark.group = f"one iteration, P = {P}, F = {FRAMES}"
+    problem: PrintedProblem
     problem, state = densified(P) if form == "dense" else middle(P)
     if isinstance(problem, ImplicitProblem):
         problem = replace(problem, **FORMS[form])
         benchmark.extra_info["entries of E a track"] = state.E.nnz / P
-    after = benchmark.pedantic(problem.iterate, (state,), rounds=3, warmup_rounds=1)[0]
+    after: PrintedState = timed(benchmark, 3, 1, iterate, problem, state)[0]
     assert np.linalg.norm(after.S - structure(P)) < 1e-3 * np.linalg.norm(structure(P))

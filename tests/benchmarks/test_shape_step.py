@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,16 +16,20 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.methods.numerics.proximal import singular_value_threshold
 from nrsfm.methods.structure.bmm import fit_shape
+from tests.benchmarks.timing import timed
 
-pyproximal: Any = pytest.importorskip("pyproximal", reason="installed by 'make bench' alone")
+pyproximal = pytest.importorskip("pyproximal", reason="installed by 'make bench' alone")
 L2 = 1.0
 OPTIMUM = 326.774  # of fit_shape at tol 1e-9 and of the continuation, which agree to six digits
 
 pytestmark = pytest.mark.skipif(not os.environ.get("NRSFM_DATA"), reason="NRSFM_DATA is not set")
 
 
+Pickup = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 @pytest.fixture(scope="module")
-def pickup() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pickup() -> Pickup:
     """Tracks (F, 2, P), cameras (F, 2, 3) and structure (F, 3, P) of pickup."""
     arrays = read_mat(Path(os.environ["NRSFM_DATA"]) / "mocap/pickup.mat", ["S", "Rs"])
     S, R = arrays["S"].reshape(357, 3, 41), arrays["Rs"].reshape(357, 2, 3)
@@ -58,7 +61,7 @@ def by_pyproximal(W: np.ndarray, R: np.ndarray) -> np.ndarray:
     """pyproximal's ADMM, 200 iterations at tau 0.9, frame by frame in the data term as in its tutorial."""
     F, _, P = W.shape
 
-    class Data(pyproximal.ProxOperator):  # type: ignore[misc]
+    class Data(pyproximal.ProxOperator):  # type: ignore[misc, name-defined]
         def __init__(self) -> None:
             super().__init__(None, False)
 
@@ -71,8 +74,9 @@ def by_pyproximal(W: np.ndarray, R: np.ndarray) -> np.ndarray:
             return np.stack(frames).ravel()
 
     nuclear = pyproximal.Nuclear((F, 3 * P), L2)
-    solution = pyproximal.optimization.primal.ADMM(Data(), nuclear, x0=np.zeros(3 * F * P), tau=0.9, niter=200)[0]
-    return np.reshape(solution, (F, 3, P))
+    solved = pyproximal.optimization.primal.ADMM(Data(), nuclear, x0=np.zeros(3 * F * P), tau=0.9, niter=200)[0]
+    S: np.ndarray = solved.reshape(F, 3, P)
+    return S
 
 
 SOLVERS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
@@ -88,7 +92,7 @@ def test_shape_step(
     benchmark: BenchmarkFixture, pickup: tuple[np.ndarray, np.ndarray, np.ndarray], solver: str
 ) -> None:
     W, R, truth = pickup
-    S = benchmark.pedantic(SOLVERS[solver], (W, R), rounds=3, warmup_rounds=1)
+    S = timed(benchmark, 3, 1, SOLVERS[solver], W, R)
     benchmark.extra_info["objective"] = objective(W, R, S)
     benchmark.extra_info["distance to truth"] = float(np.linalg.norm(S - truth) / np.linalg.norm(truth))
     assert objective(W, R, S) == pytest.approx(OPTIMUM, rel=3e-4)

@@ -86,7 +86,7 @@ class Solver(BaseSolver):
 
 
 def measure(benchmark: BenchmarkFixture, command: list[str], cores: int, clean: Path, env: dict[str, str]) -> None:
-    """Time a whole sweep from nothing, on so many cores."""
+    """Time a whole sweep from an empty folder, on so many cores."""
     benchmark.group = f"{TRIALS} trials that return at once"
     pinned = ["taskset", "--cpu-list", ",".join(map(str, CORES[:cores]))]
 

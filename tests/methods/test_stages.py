@@ -9,7 +9,7 @@ import pytest
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.spans import expand
-from nrsfm.methods.base import stage
+from nrsfm.methods.base import Observations, stage
 from nrsfm.methods.registry import build_method
 
 
@@ -50,7 +50,7 @@ def test_every_method_tells_its_stages(name: str, small_scene: Scene) -> None:
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     listener = Listener()
     n_bodies = 1 if name in ("bmm", "pta") else 2
-    method.reconstruct(small_scene.tracks, small_scene.cameras, n_bodies, progress=listener)
+    method.reconstruct(Observations(small_scene.tracks, small_scene.cameras, progress=listener), n_bodies)
     assert (listener.stages, listener.counted) == WAYS[name]
 
 
@@ -60,7 +60,7 @@ def test_gaps_are_a_stage(name: str, small_scene: Scene) -> None:
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     scene = small_scene.with_gaps(kind="random", share=0.1, repeat=0)
     listener = Listener()
-    method.reconstruct(scene.tracks, scene.cameras, 2, visible=scene.visible, progress=listener)
+    method.reconstruct(Observations(scene.tracks, scene.cameras, scene.visible, progress=listener), 2)
     assert listener.stages[0] == "gaps"
 
 

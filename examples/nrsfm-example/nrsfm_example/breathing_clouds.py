@@ -21,8 +21,8 @@ VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """The scene of the settings of conf/dataset/breathing_clouds.yaml.
 
-    Files of one's own lie in ``folder``, the data folder; raise nrsfm.datasets.body.MissingData where one is not there. A
-    scene of measured tracks is made by ``Scene(name=..., tracks=...)``, with what is known of the truth.
+    A dataset of files reads them from ``folder``, the data folder, and raises nrsfm.datasets.errors.MissingData where
+    one is missing. Measured tracks make a ``Scene(name=..., tracks=...)``, with labels and structure where known.
     """
     points, frames = settings["points"], settings["frames"]
     if not (isinstance(points, int) and isinstance(frames, int) and points >= 4 and frames >= 3):

@@ -6,6 +6,7 @@ import numpy as np
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.harness.testing import Check, parametrize_with_checks
+from nrsfm.methods.base import Observations
 from nrsfm_example.rigid_depth import RigidDepth
 
 
@@ -18,5 +19,6 @@ def test_a_rigid_scene_comes_back() -> None:
     cameras = orbit(40)
     shape = np.random.default_rng(0).standard_normal((1, 3, 12))
     shape -= shape.mean(axis=2, keepdims=True)
-    found = RigidDepth().reconstruct(project(cameras, shape), cameras, 2)
-    np.testing.assert_allclose(found.structure, np.tile(shape, (40, 1, 1)), atol=1e-9)
+    result = RigidDepth().reconstruct(Observations(project(cameras, shape), cameras), 2)
+    assert result.structure is not None
+    np.testing.assert_allclose(result.structure, np.tile(shape, (40, 1, 1)), atol=1e-9)

@@ -30,8 +30,9 @@ class Halves(Method):
     """The first half of the tracks, and the rest."""
     provides = frozenset({"labels"})
     uses_cameras = False
-    def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
-        return Reconstruction(labels=np.arange(tracks.shape[2]) * n_bodies // tracks.shape[2])
+    def reconstruct(self, observations, n_bodies):
+        n_points = observations.tracks.shape[2]
+        return Reconstruction(labels=np.arange(n_points) * n_bodies // n_points)
 '''
 METHOD = "[nrsfm.methods]\nhalves = {package}:Halves\n"
 DATASET = "[nrsfm.datasets]\nbad = {package}\n"

@@ -11,7 +11,7 @@ from nrsfm.datasets.real.mocap import load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.evaluate import metrics
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.methods.base import Observations
 from nrsfm.methods.registry import build_method
 from tests.conftest import PAIRS
 
@@ -30,7 +30,7 @@ def measured(scene: Scene, method: str) -> dict[str, float]:
     """Metrics of a method with the settings of its configuration."""
     settings = dict(expand([f"method={method}"])[0][0].method)
     del settings["name"]
-    found = build_method(settings).reconstruct(scene.tracks, needed(scene.cameras), len(scene.bodies))
+    found = build_method(settings).reconstruct(Observations(scene.tracks, scene.cameras), len(scene.bodies))
     return metrics.evaluate(scene, found, known_cameras=True)
 
 

@@ -74,7 +74,7 @@ from nrsfm.methods.structure import bmm
 class WrongSign(bmm.BMM):
     """BMM whose nuclear-norm step grows the singular values that it should shrink."""
 
-    def reconstruct(self, *arguments, **more):
+    def reconstruct(self, observations, n_bodies=1):
         right = bmm.singular_value_threshold
 
         def wrong(M, threshold):
@@ -82,7 +82,7 @@ class WrongSign(bmm.BMM):
             return 2 * M - shrunk, norm
 
         bmm.singular_value_threshold = wrong
-        return super().reconstruct(*arguments, **more)
+        return super().reconstruct(observations, n_bodies)
 '''
 
 

@@ -27,7 +27,7 @@ from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.solving.folder import NAMES
 from nrsfm.harness.solving.solution import Solution
 from nrsfm.harness.solving.solve import load, solve
-from nrsfm.methods.base import Method, MethodError, Reconstruction
+from nrsfm.methods.base import Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.reports.figures.style import COLOURS
 from tests.shell import ROOT, Shell, started, until
@@ -198,8 +198,9 @@ def test_python_takes_settings_methods_and_progress(scene: Scene) -> None:
         provides = frozenset({"labels"})
         uses_cameras = False
 
-        def reconstruct(self, tracks: Any, cameras: Any, n_bodies: Any, **more: Any) -> Reconstruction:
-            return Reconstruction(labels=np.arange(tracks.shape[2]) * 2 // tracks.shape[2] + 5)
+        def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
+            n_points = observations.tracks.shape[2]
+            return Reconstruction(labels=np.arange(n_points) * 2 // n_points + 5)
 
     own = solve(scene, 2, method=Halves())
     assert own.labels is not None and n_wrong(own.labels, np.repeat([0, 1], 15)) == 0
@@ -300,8 +301,9 @@ class Halves(Method):
     """Labels alone."""
     provides = frozenset({"labels"})
     uses_cameras = False
-    def reconstruct(self, tracks, cameras, n_bodies, *, visible=None, edges=None, progress=None):
-        return Reconstruction(labels=np.arange(tracks.shape[2]) * n_bodies // tracks.shape[2])
+    def reconstruct(self, observations, n_bodies):
+        n_points = observations.tracks.shape[2]
+        return Reconstruction(labels=np.arange(n_points) * n_bodies // n_points)
 '''
 
 

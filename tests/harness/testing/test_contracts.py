@@ -15,9 +15,10 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.plugins import choices
 from nrsfm.harness.testing import Check, check_dataset, check_method, parametrize_with_checks
-from nrsfm.methods.base import Method, MethodError, Reconstruction, check_bodies, check_cameras, standardise
+from nrsfm.methods.base import Labels, Method, MethodError, Observations, Reconstruction, check_bodies, standardise
+from tests.methods.parts import present
 
-#: Choices that ask for one more word.
+#: Further overrides of choices that cannot do without.
 MORE = {"c3d": " dataset.take=cmu_02_01"}
 
 
@@ -39,25 +40,27 @@ def test_datasets(check: Check) -> None:
 
 def test_tracks_of_ones_own(tmp_path: Path) -> None:
     scene = procedural.load_scene(["person", "face"], 8, 12, 0, name="mine", placement="paper")
-    np.savez(tmp_path / "mine.npz", tracks=scene.tracks, cameras=scene.cameras, labels=scene.labels)
+    np.savez(tmp_path / "mine.npz", tracks=scene.tracks, cameras=present(scene.cameras), labels=present(scene.labels))
     check_dataset({"source": "tracks", "name": "mine", "file": "mine.npz"}, tmp_path)
 
 
 class Middle(Method):
-    """Splits the tracks where the mean of x is; keeps the contract, or breaks it in one way."""
+    """Splits the tracks at the mean of x; keeps the contract, or breaks it in one way."""
 
     provides = frozenset({"labels", "structure"})
+    handles_gaps = True
 
     def __init__(self, fault: str = "") -> None:
         self.fault = fault + "s" * fault.startswith("constructor")
 
-    def reconstruct(self, tracks, cameras, n_bodies, *, visible=None, edges=None, progress=None):
-        if self.fault == "wrong error" and tracks.ndim != 3:
+    def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
+        tracks = observations.tracks
+        if self.fault == "wrong error" and n_bodies == 0:
             raise IndexError("too few")
         if self.fault == "two lines" and n_bodies == 0:
             raise MethodError("two\nlines")
-        data = standardise(tracks, visible)
-        check_cameras(cameras, len(tracks))
+        data = standardise(tracks, observations.visible)
+        cameras = observations.required_cameras() if self.fault != "no cameras" else np.tile(np.eye(2, 3), (30, 1, 1))
         if self.fault != "any number":
             check_bodies(n_bodies, tracks.shape[2])
         W = data.W.copy()
@@ -67,27 +70,27 @@ class Middle(Method):
             tracks[0] = 0
         if self.fault == "remembers":
             self.fault = "remembered"
-        labels = (W[:, 0].mean(axis=0) > 0).astype(np.int64)
+        labels: Labels | None = (W[:, 0].mean(axis=0) > 0).astype(np.int64)
         if self.fault == "order":
             labels = np.arange(tracks.shape[2]) % 2
         if self.fault == "labels from 1":
-            labels += 1
+            labels = 1 + (W[:, 0].mean(axis=0) > 0).astype(np.int64)
         W -= W.mean(axis=2, keepdims=True)
         structure = cameras.transpose(0, 2, 1) @ W * data.scale
         if self.fault == "not centred":
             structure = structure + 1
         if self.fault == "silent":
             labels = None
-        if self.fault == "gap" and visible is not None:
+        if self.fault == "gap" and observations.visible is not None:
             structure[0, 0, 0] = np.nan
         return Reconstruction(labels=labels, structure=structure, cameras=cameras)
 
-    def memory(self, n_frames, n_points, n_edges=0):
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         return -1.0 if self.fault == "memory" else 8.0 * 3 * n_frames * n_points
 
 
 class Unnamed(Middle):
-    """Gives more than it says."""
+    """Computes more than ``provides`` names."""
 
     provides = frozenset({"labels"})
 
@@ -97,12 +100,13 @@ def test_a_method_that_keeps_the_contract_passes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"),
+    ("fault", "message"),
     [
-        ("constructor", "keeps what it is given"),
+        ("constructor", "the constructor changes an argument"),
         ("wrong error", "IndexError"),
         ("two lines", "one line"),
         ("any number", "more bodies than tracks are not refused"),
+        ("no cameras", "tracks without cameras are not refused"),
         ("unseeded", "a second run on the same input"),
         ("writes", "writes into its tracks"),
         ("remembers", "changes the hyper-parameters"),
@@ -111,21 +115,21 @@ def test_a_method_that_keeps_the_contract_passes() -> None:
         ("not centred", "off its centre"),
         ("silent", "labels"),
         ("gap", "NaN"),
-        ("memory", "foresees"),
+        ("memory", "forecasts"),
     ],
 )
-def test_a_method_that_breaks_it_is_told_how(fault: str, said: str) -> None:
-    with pytest.raises(AssertionError, match=said):
+def test_a_method_that_breaks_the_contract_is_named_with_its_fault(fault: str, message: str) -> None:
+    with pytest.raises(AssertionError, match=message):
         check_method(Middle(fault))
 
 
-def test_a_method_that_gives_more_than_it_says_is_told() -> None:
-    with pytest.raises(AssertionError, match="does not name structure, which is given"):
+def test_a_part_that_provides_does_not_name_is_a_fault() -> None:
+    with pytest.raises(AssertionError, match="does not name structure, which is present"):
         check_method(Unnamed())
 
 
 def faulty(settings: Mapping[str, Any], folder: Path, _stand_in: bool) -> Scene:
-    """A scene of four points, or one that is broken in one way."""
+    """A scene of four points, right or with one fault."""
     fault = settings["fault"]
     if fault == "file" and not folder.name.startswith("data"):
         raise KeyError("file")
@@ -149,7 +153,7 @@ def faulty(settings: Mapping[str, Any], folder: Path, _stand_in: bool) -> Scene:
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"),
+    ("fault", "message"),
     [
         ("", ""),
         ("unseeded", "seed what is drawn"),
@@ -164,8 +168,8 @@ def faulty(settings: Mapping[str, Any], folder: Path, _stand_in: bool) -> Scene:
         ("digest", "in another process"),
     ],
 )
-def test_a_dataset_that_breaks_it_is_told_how(
-    fault: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_dataset_that_breaks_the_contract_is_named_with_its_fault(
+    fault: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "data"
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -184,7 +188,7 @@ def test_a_dataset_that_breaks_it_is_told_how(
     if not fault:
         check_dataset(settings, folder)
         return
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         check_dataset(settings, folder)
 
 

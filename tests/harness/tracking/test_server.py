@@ -203,7 +203,7 @@ def test_words_that_the_database_does_not_take_are_written_all_the_same(
     """PostgreSQL refuses NUL, nobody encodes half a surrogate pair, and a tag has 8000 characters."""
     for seed, how in enumerate(("a\\0b", "a\\ud800b", "\\u4e2d" * 3000)):
         (naughty_package / "odd_words.py").write_text(
-            "from naughty import Naughty\nclass Odd(Naughty):\n    def reconstruct(self, *args, **rest):\n"
+            "from naughty import Naughty\nclass Odd(Naughty):\n    def reconstruct(self, observations, n_bodies):\n"
             "        raise RuntimeError(self.how.encode('ascii').decode('unicode_escape'))\n"
         )
         info = naughty_package / "odd_words-1.0.dist-info"

@@ -12,12 +12,10 @@ import scipy.io
 from omegaconf import OmegaConf
 
 from nrsfm.datasets.real.hopkins import SCENES
-from nrsfm.datasets.registry import load_scene
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.config.jobs import compose_jobs, plain_jobs, resolved
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand, spanned
-from nrsfm.harness.evaluate import reconstruct
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
@@ -25,8 +23,6 @@ from nrsfm.harness.record.trial import Trial, digest
 from nrsfm.harness.trial import worker
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.identity import identify
-from nrsfm.methods.base import MethodError
-from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.pipelines import ClusterTracks
 
 
@@ -295,18 +291,14 @@ def test_gaps_of_nothing_are_no_setting() -> None:
     assert plain.setting == digest(before)
 
 
-def test_a_method_that_does_not_know_of_gaps(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["dataset.points=12", "dataset.frames=24", "method=edsc", "gaps=random"]
-    scene = load_scene(expand(words)[0][0].dataset, settings.data).with_gaps("random", 0.1)
-
-    class Old(ClusterTracks):
-        def reconstruct(self, tracks, cameras, n_bodies, *, edges=None, progress=None):
-            return super().reconstruct(tracks, cameras, n_bodies)
-
-    assert reconstruct._gaps(ClusterTracks(EDSC()), scene) == {"visible": scene.visible}
-    with pytest.raises(MethodError, match="Old cannot work with gaps"):
-        reconstruct._gaps(Old(EDSC()), scene)
-    assert reconstruct._gaps(Old(EDSC()), replace(scene, tracks=np.zeros(scene.tracks.shape), visible=None)) == {}
+def test_a_method_that_does_not_handle_gaps_is_never_given_any(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["dataset.points=12", "dataset.frames=24", "method=edsc"]
+    monkeypatch.setattr(ClusterTracks, "handles_gaps", False)
+    whole, gappy = (execute(expand([*words, *more])[0][0], settings)[0] for more in ([], ["gaps=random"]))
+    assert whole.status == "ok"
+    assert gappy.status == "failed" and "ClusterTracks cannot work with gaps" in gappy.error
 
 
 @pytest.mark.parametrize("bodies", [["person", "face"], ["person"]])

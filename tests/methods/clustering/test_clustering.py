@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from sklearn.base import BaseEstimator
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from nrsfm.harness.evaluate.metrics import n_wrong
@@ -20,11 +23,11 @@ from nrsfm.methods.clustering.ssc_omp import SSCOMP
 BLOBS = {"check_clustering": "clusters blobs of the plane, which are one subspace"}
 
 
-@parametrize_with_checks(
+@parametrize_with_checks(  # type: ignore[untyped-decorator]
     [SSC(), SSCOMP(), EDSC(), LRR(), LRR(weight=None)],
     expected_failed_checks=lambda estimator: BLOBS if isinstance(estimator, SSCOMP) else {},
 )
-def test_scikit_learn_contract(estimator, check) -> None:
+def test_scikit_learn_contract(estimator: BaseEstimator, check: Callable[[BaseEstimator], None]) -> None:
     check(estimator)
 
 
@@ -58,7 +61,10 @@ def test_sparse_code_is_optimal() -> None:
     np.testing.assert_allclose(C.sum(axis=0), 1, atol=1e-6)
     G = X.T @ X
     a = 50.0 / np.abs(G - np.diag(np.diag(G))).max(axis=0).min()
-    value = lambda C: np.abs(C).sum() + a / 2 * np.sum((X - X @ C) ** 2)  # noqa: E731
+
+    def value(C: np.ndarray) -> float:
+        return float(np.abs(C).sum() + a / 2 * np.sum((X - X @ C) ** 2))
+
     rng = np.random.default_rng(0)
     for _ in range(100):
         change = rng.standard_normal(C.shape) * 10.0 ** rng.uniform(-4, -1)
@@ -146,7 +152,8 @@ def blocks(rng: np.random.Generator, apart: bool) -> np.ndarray:
     A = rng.random((90, 90)) * (rng.random((90, 90)) < 0.3) * (labels[:, None] == labels)
     if not apart:
         A += 0.02 * (rng.random((90, 90)) < 0.05)
-    return A + A.T
+    symmetric: np.ndarray = A + A.T
+    return symmetric
 
 
 @pytest.mark.parametrize("apart", [False, True])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -76,6 +78,6 @@ def test_light_weights_give_up_points_and_keep_the_rest_low_rank(rng: np.random.
 
 
 @pytest.mark.parametrize("settings", [{"weight": 0.0}, {"weight": -1.0}, {"power": 0.0}, {"max_iter": 0}, {"tol": 0.0}])
-def test_settings_that_cannot_be_are_refused(settings: dict) -> None:
+def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=next(iter(settings))):
         LRR(2, **settings).fit(np.eye(5))

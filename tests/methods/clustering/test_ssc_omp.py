@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def test_points_that_are_the_same_or_at_the_origin() -> None:
 
 
 @pytest.mark.parametrize("settings", [{"n_nonzero": 0}, {"n_nonzero": 2.5}, {"residual": -1.0}])
-def test_settings_that_cannot_be_are_refused(settings: dict) -> None:
+def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=next(iter(settings))):
         SSCOMP(2, **settings).fit(np.eye(5))
 

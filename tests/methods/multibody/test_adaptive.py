@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,30 +13,28 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
-from nrsfm.methods.base import MethodError, standardise
+from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody, AdaptiveProblem
-from nrsfm.methods.multibody.lagrangian import State
 from nrsfm.methods.multibody.motion import directions, noise_variance
+from nrsfm.methods.multibody.problem import State, lagrangian, shape_step
 from nrsfm.methods.structure.bmm import BMM
-from tests.methods.multibody.test_printed import slope
+from tests.methods.multibody.test_printed import slope, with_block
+from tests.methods.parts import observed, present, random_state
 
 
 @pytest.fixture
 def problem(small_scene: Scene) -> AdaptiveProblem:
-    problem, _ = AdaptiveMultiBody().adapt(standardise(small_scene.tracks).W, small_scene.cameras)
+    problem, _ = AdaptiveMultiBody().adapt(standardise(small_scene.tracks).W, present(small_scene.cameras))
     return replace(problem, l1=0.1, l2=0.1, expression=0.5)
 
 
 @pytest.fixture
 def state(problem: AdaptiveProblem, rng: np.random.Generator) -> State:
-    """A state in the middle of nowhere, but for the multipliers that play no part."""
+    """A random state."""
     F, _, P = problem.W.shape
-    triple = lambda: rng.standard_normal((F, 3, P))  # noqa: E731
-    square = lambda: 0.3 * rng.standard_normal((P, P))  # noqa: E731
-    still = problem.start(0.7)
-    return replace(
-        still, S=triple(), shape=triple(), C=square(), E=square(), Y1=triple(), Y3=problem.code_penalty * square()
-    )
+    state = random_state(rng, F, P)
+    parts = {name: getattr(state, name) for name in ("S", "shape", "C", "E", "Y1")}
+    return State(**parts, Y3=problem.code_penalty * state.Y3, b=state.b)
 
 
 @pytest.mark.parametrize("block", ["S", "C"])
@@ -45,7 +44,7 @@ def test_quadratic_steps_zero_the_gradient(
     step = {"S": problem.structure_step, "C": problem.code_step}[block]
     direction = rng.standard_normal(getattr(state, block).shape)
     before = abs(slope(problem, state, block, direction))
-    after = abs(slope(problem, replace(state, **{block: step(state)}), block, direction))
+    after = abs(slope(problem, with_block(state, block, step(state)), block, direction))
     assert after < 1e-6 * before
 
 
@@ -64,13 +63,13 @@ def test_exact_diagonal_is_the_constrained_minimum(
 def test_proximal_steps_are_minima(
     problem: AdaptiveProblem, state: State, rng: np.random.Generator, block: str
 ) -> None:
-    found = problem.sparse_step(state) if block == "E" else problem.shape_step(state)[0]
-    lowest = problem.lagrangian(replace(state, **{block: found}))
+    found = problem.sparse_step(state) if block == "E" else shape_step(problem.l2, state)[0]
+    lowest = lagrangian(problem, with_block(state, block, found))
     for _ in range(50):
         change = rng.standard_normal(found.shape) * 10.0 ** rng.uniform(-5, 0)
         if block == "E":
             np.fill_diagonal(change, 0)
-        assert problem.lagrangian(replace(state, **{block: found + change})) >= lowest - 1e-9
+        assert lagrangian(problem, with_block(state, block, found + change)) >= lowest - 1e-9
 
 
 def test_multipliers_follow_the_gaps(problem: AdaptiveProblem, state: State) -> None:
@@ -82,7 +81,7 @@ def test_multipliers_follow_the_gaps(problem: AdaptiveProblem, state: State) -> 
 
 def test_directions_go_from_smooth_to_rough_and_leave_points_at_rest_out(small_scene: Scene) -> None:
     """Whatever the depth: they need the cameras alone."""
-    R, F = small_scene.cameras, small_scene.n_frames
+    R, F = present(small_scene.cameras), small_scene.n_frames
     Q = directions(R)
     np.testing.assert_allclose(Q.T @ Q, np.eye(2 * F - 3), atol=1e-10)
     assert np.abs(Q.T @ R.reshape(2 * F, 3)).max() < 1e-10
@@ -103,7 +102,7 @@ def test_noise_is_read_off_the_tracks(rng: np.random.Generator, sigma: float) ->
     jitter = np.zeros_like(scene.tracks)
     jitter[:, :, scene.labels == 2] = 0.2 * rng.standard_normal((120, 2, 30))
     W = scene.tracks + jitter + sigma * rng.standard_normal(scene.tracks.shape)
-    motion = directions(scene.cameras).T @ W.reshape(240, -1)
+    motion = directions(present(scene.cameras)).T @ W.reshape(240, -1)
     assert np.sqrt(noise_variance(motion)) == pytest.approx(sigma, rel=0.1)
 
 
@@ -112,7 +111,7 @@ def test_weights_follow_the_noise(small_scene: Scene, rng: np.random.Generator) 
     W = standardise(small_scene.tracks).W
     noisy = standardise(W + 0.05 * rng.standard_normal(W.shape)).W
     method = AdaptiveMultiBody()
-    clean, other = (method.adapt(tracks, small_scene.cameras)[0] for tracks in (W, noisy))
+    clean, other = (method.adapt(tracks, present(small_scene.cameras))[0] for tracks in (W, noisy))
     assert clean.l1 < other.l1 and clean.l2 < other.l2 and clean.expression < other.expression
     assert method.l1[0] < other.l1 < method.l1[1]
     assert np.ptp(np.log(clean.w)) > np.ptp(np.log(other.w))
@@ -120,7 +119,7 @@ def test_weights_follow_the_noise(small_scene: Scene, rng: np.random.Generator) 
 
 def test_offsets_and_static_shape_do_not_matter_to_the_code(small_scene: Scene, rng: np.random.Generator) -> None:
     """Points moved by any constant 3D vector each show the same motion."""
-    R, P = small_scene.cameras, small_scene.n_points
+    R, P = present(small_scene.cameras), small_scene.n_points
     moved = small_scene.tracks + R @ rng.standard_normal((3, P))
     Q = directions(R)
     first, second = (Q.T @ tracks.reshape(len(Q), P) for tracks in (small_scene.tracks, moved))
@@ -129,13 +128,13 @@ def test_offsets_and_static_shape_do_not_matter_to_the_code(small_scene: Scene, 
 
 def test_a_scene_at_rest_is_refused_and_a_track_at_rest_is_not() -> None:
     scene = procedural.load_scene(["person", "face"], 8, 60, 0, name="still")
-    still = scene.cameras @ np.repeat(scene.structure[:1], 60, axis=0)
+    still = present(scene.cameras) @ np.repeat(present(scene.structure)[:1], 60, axis=0)
     with pytest.raises(MethodError, match="nothing moves"):
-        AdaptiveMultiBody().reconstruct(still, scene.cameras, 2)
+        AdaptiveMultiBody().reconstruct(Observations(still, scene.cameras), 2)
     moving = scene.tracks.copy()
     moving[:, :, 0] = still[:, :, 0]
-    found = AdaptiveMultiBody(max_iter=5).reconstruct(moving, scene.cameras, 2)
-    assert np.isfinite(found.structure).all() and np.isfinite(found.affinity).all()
+    found = AdaptiveMultiBody(max_iter=5).reconstruct(Observations(moving, scene.cameras), 2)
+    assert np.isfinite(present(found.structure)).all() and np.isfinite(present(found.affinity)).all()
 
 
 @pytest.mark.parametrize(
@@ -152,17 +151,17 @@ def test_a_scene_at_rest_is_refused_and_a_track_at_rest_is_not() -> None:
         ({"max_iter": 0}, "max_iter"),
     ],
 )
-def test_bad_settings_are_named(small_scene: Scene, settings: dict, word: str) -> None:
+def test_bad_settings_are_named(small_scene: Scene, settings: dict[str, Any], word: str) -> None:
     with pytest.raises(MethodError, match=word):
-        AdaptiveMultiBody(**settings).reconstruct(small_scene.tracks, small_scene.cameras, 2)
+        AdaptiveMultiBody(**settings).reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
 
 
 def test_noise_is_taken_out_of_the_images() -> None:
     """The structure is seen nearer to the true tracks than the noisy tracks are."""
     scene = procedural.load_scene(["person", "face"], 30, 80, 0, name="denoised", placement="paper")
     noisy = add_noise(scene.tracks, 0.02, 0, "denoised")
-    found = AdaptiveMultiBody(max_iter=30).reconstruct(noisy, scene.cameras, 2)
-    left = np.linalg.norm(scene.cameras @ found.structure - scene.tracks)
+    found = AdaptiveMultiBody(max_iter=30).reconstruct(Observations(noisy, scene.cameras), 2)
+    left = np.linalg.norm(present(scene.cameras) @ present(found.structure) - scene.tracks)
     assert left < 0.75 * np.linalg.norm(noisy - scene.tracks)
 
 
@@ -170,10 +169,10 @@ def test_noise_is_taken_out_of_the_images() -> None:
 def test_separates_and_reconstructs_as_the_block_matrix_method(diagonal: str) -> None:
     """Bodies whose rough motions lie in separate subspaces, with all else in common."""
     scene = two_rough_bodies()
-    found = AdaptiveMultiBody(diagonal=diagonal).reconstruct(scene.tracks, scene.cameras, 2)
-    assert n_wrong(found.labels, scene.labels) == 0
-    alone = BMM().reconstruct(scene.tracks, scene.cameras).structure
-    assert e_3d(found.structure, scene.structure) < 1.02 * e_3d(alone, scene.structure)
+    found = AdaptiveMultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
+    assert n_wrong(present(found.labels), present(scene.labels)) == 0
+    alone, truth = present(BMM().reconstruct(observed(scene)).structure), present(scene.structure)
+    assert e_3d(present(found.structure), truth) < 1.02 * e_3d(alone, truth)
     assert found.history["shape"][-1] < 1e-3
 
 
@@ -182,9 +181,9 @@ def two_rough_bodies() -> Scene:
     rng = np.random.default_rng(1)
     base = procedural.load_scene(["person", "face"], 20, 120, 0, name="rough", placement="intersecting")
     theta = scipy.fft.idct(np.eye(120, 50), axis=0, norm="ortho")[:, 25:]
-    structure = np.repeat(base.structure.mean(axis=0, keepdims=True), 120, axis=0)
+    structure = np.repeat(present(base.structure).mean(axis=0, keepdims=True), 120, axis=0)
     for body in (0, 1):
         time = theta @ rng.standard_normal((25, 3))
         structure[:, :, base.labels == body] += 0.05 * np.einsum("fk,kip->fip", time, rng.standard_normal((3, 3, 20)))
     structure -= structure.mean(axis=2, keepdims=True)
-    return replace(base, structure=structure, tracks=base.cameras @ structure)
+    return replace(base, structure=structure, tracks=present(base.cameras) @ structure)

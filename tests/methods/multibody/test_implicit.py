@@ -12,8 +12,10 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.methods.base import standardise
 from nrsfm.methods.multibody import implicit
 from nrsfm.methods.multibody.implicit import ImplicitProblem, _leading
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
+from nrsfm.methods.multibody.problem import Gaps, iterate
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from tests.methods.parts import present
 
 
 @pytest.fixture(scope="module")
@@ -21,12 +23,12 @@ def scene() -> Scene:
     return procedural.load_scene(["face", "heart"], 25, 8, 0, name="surfaces", placement=[3, 0, 0])
 
 
-def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[Problem, ImplicitProblem]:
+def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[PrintedProblem, ImplicitProblem]:
     """The dense and the implicit problem of one scene."""
     W = standardise(scene.tracks).W
-    arguments = (W, scene.cameras, 3e-3, 0.1)
+    arguments = (W, present(scene.cameras), 3e-3, 0.1)
     if not spatial:
-        return Problem(*arguments), ImplicitProblem(*arguments, dtype=dtype)
+        return DenseProblem(*arguments), ImplicitProblem(*arguments, dtype=dtype)
     neighbours = Neighbours(scene.edges, scene.n_points, spatial)
     return (
         SpatialProblem(*arguments, neighbours=neighbours),
@@ -34,10 +36,11 @@ def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[Proble
     )
 
 
-def solve(problem: Problem, iterations: int, b: float = 1e-3) -> tuple[State, dict[str, np.ndarray]]:
-    state, gaps = problem.start(b), {}
+def solve(problem: PrintedProblem, iterations: int, b: float = 1e-3) -> tuple[PrintedState, Gaps]:
+    state = problem.start(b)
+    gaps: Gaps = {}
     for _ in range(iterations):
-        state, gaps = problem.iterate(state)
+        state, gaps = iterate(problem, state)
         state = replace(state, b=min(10.0, 1.2 * state.b))  # the penalty reaches its cap before the end
     return state, gaps
 

@@ -10,41 +10,30 @@ import scipy.linalg
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.methods.base import MethodError, standardise
-from nrsfm.methods.multibody.lagrangian import Problem, State
+from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
+from nrsfm.methods.multibody.problem import iterate, lagrangian
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from tests.methods.parts import present, random_state
 
 
 @pytest.fixture
 def problem(small_scene: Scene) -> SpatialProblem:
     neighbours = Neighbours(small_scene.edges, small_scene.n_points, 0.7)
     return SpatialProblem(
-        standardise(small_scene.tracks).W, small_scene.cameras, l1=0.01, l2=0.1, neighbours=neighbours
+        standardise(small_scene.tracks).W, present(small_scene.cameras), l1=0.01, l2=0.1, neighbours=neighbours
     )
 
 
 @pytest.fixture
-def state(problem: SpatialProblem, rng: np.random.Generator) -> State:
-    """A state in the middle of nowhere."""
+def state(problem: SpatialProblem, rng: np.random.Generator) -> PrintedState:
+    """A random state."""
     F, _, P = problem.W.shape
-    wide = problem.neighbours.D.shape
-    triple = lambda: rng.standard_normal((F, 3, P))  # noqa: E731
-    several = lambda shape: 0.3 * rng.standard_normal(shape)  # noqa: E731
-    return State(
-        triple(),
-        triple(),
-        several((P, P)),
-        several(wide),
-        triple(),
-        triple(),
-        several(wide),
-        rng.standard_normal(P),
-        0.7,
-    )
+    return random_state(rng, F, P, problem.neighbours.D.shape[1])
 
 
-def slope(problem: SpatialProblem, state: State, direction: np.ndarray, step: float = 1e-4) -> float:
-    up = problem.lagrangian(replace(state, C=state.C + step * direction))
-    return (up - problem.lagrangian(replace(state, C=state.C - step * direction))) / (2 * step)
+def slope(problem: SpatialProblem, state: PrintedState, direction: np.ndarray, step: float = 1e-4) -> float:
+    up = lagrangian(problem, replace(state, C=state.C + step * direction))
+    return (up - lagrangian(problem, replace(state, C=state.C - step * direction))) / (2 * step)
 
 
 def test_the_term_is_what_it_stands_for(problem: SpatialProblem, rng: np.random.Generator) -> None:
@@ -65,13 +54,13 @@ def test_the_term_is_what_it_stands_for(problem: SpatialProblem, rng: np.random.
     np.testing.assert_allclose(neighbours.G.toarray(), np.eye(P) + 0.49 * laplacian, atol=1e-12)
 
 
-def test_code_step_zeroes_the_gradient(problem: SpatialProblem, state: State, rng: np.random.Generator) -> None:
+def test_code_step_zeroes_the_gradient(problem: SpatialProblem, state: PrintedState, rng: np.random.Generator) -> None:
     direction = rng.standard_normal(state.C.shape)
     assert abs(slope(problem, state, direction)) > 1
     assert abs(slope(problem, replace(state, C=problem.code_step(state)), direction)) < 1e-5
 
 
-def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, state: State) -> None:
+def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, state: PrintedState) -> None:
     """Eq. (20) solved literally, as a Sylvester equation."""
     P, b, D = state.C.shape[0], state.b, problem.neighbours.D.toarray()
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
@@ -81,32 +70,32 @@ def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, sta
 
 
 def test_sparse_step_is_the_minimum_with_zero_diagonal(
-    problem: SpatialProblem, state: State, rng: np.random.Generator
+    problem: SpatialProblem, state: PrintedState, rng: np.random.Generator
 ) -> None:
     solved = replace(state, E=problem.sparse_step(state))
     P = len(state.C)
     assert np.abs(np.diag(solved.E[:, :P])).max() == 0
-    lowest = problem.lagrangian(solved)
+    lowest = lagrangian(problem, solved)
     for _ in range(50):
         change = rng.standard_normal(state.E.shape) * 10.0 ** rng.uniform(-6, 0)
         np.fill_diagonal(change[:, :P], 0)
-        assert problem.lagrangian(replace(solved, E=solved.E + change)) >= lowest
+        assert lagrangian(problem, replace(solved, E=solved.E + change)) >= lowest
 
 
 def test_without_weight_it_is_the_plain_problem(small_scene: Scene) -> None:
     """A vanishing weight leaves every iterate as it is without the term."""
     W = standardise(small_scene.tracks).W
-    plain = Problem(W, small_scene.cameras, 3e-3, 0.1)
+    plain = DenseProblem(W, present(small_scene.cameras), 3e-3, 0.1)
     spatial = SpatialProblem(
         W,
-        small_scene.cameras,
+        present(small_scene.cameras),
         3e-3,
         0.1,
         neighbours=Neighbours(small_scene.edges, small_scene.n_points, 1e-9),
     )
     one, two = plain.start(1e-3), spatial.start(1e-3)
     for _ in range(30):
-        (one, _), (two, _) = plain.iterate(one), spatial.iterate(two)
+        (one, _), (two, _) = iterate(plain, one), iterate(spatial, two)
         one, two = replace(one, b=1.1 * one.b), replace(two, b=1.1 * two.b)
     np.testing.assert_allclose(two.S, one.S, atol=1e-8)
     np.testing.assert_allclose(two.E[:, : len(two.C)], one.E, atol=1e-7)

@@ -7,8 +7,9 @@ import pytest
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import MethodError, standardise
+from nrsfm.methods.base import Array, MethodError, Observations, standardise
 from nrsfm.methods.structure.bmm import BMM, cut_rank, fit_shape
+from tests.methods.parts import observed, present
 
 
 @pytest.fixture(scope="module")
@@ -22,22 +23,25 @@ def low_rank() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_equality_reproduces_the_tracks(small_scene: Scene) -> None:
-    found = BMM(tol=1e-7).reconstruct(small_scene.tracks, small_scene.cameras)
-    np.testing.assert_allclose(project(small_scene.cameras, found.structure), small_scene.tracks, atol=1e-9)
+    structure = present(BMM(tol=1e-7).reconstruct(observed(small_scene)).structure)
+    np.testing.assert_allclose(project(present(small_scene.cameras), structure), small_scene.tracks, atol=1e-9)
 
 
 def test_recovers_a_low_rank_structure(low_rank: tuple[np.ndarray, np.ndarray]) -> None:
     S, R = low_rank
-    found = BMM(tol=1e-8).reconstruct(project(R, S), R)
-    assert np.linalg.norm(found.structure - S) < 1e-4 * np.linalg.norm(S)
+    structure = present(BMM(tol=1e-8).reconstruct(Observations(project(R, S), R)).structure)
+    assert np.linalg.norm(structure - S) < 1e-4 * np.linalg.norm(S)
 
 
 def test_no_feasible_structure_has_a_smaller_nuclear_norm(small_scene: Scene) -> None:
     """Depth is the only freedom of R S = W; no change of it lowers the norm."""
-    W, R = standardise(small_scene.tracks).W, small_scene.cameras
+    W, R = standardise(small_scene.tracks).W, present(small_scene.cameras)
     fit = fit_shape(W, R, tol=1e-9)
     depth = np.cross(R[:, 0], R[:, 1])[:, :, None]
-    norm = lambda S: np.linalg.norm(S.reshape(len(S), -1), "nuc")  # noqa: E731
+
+    def norm(S: Array) -> float:
+        return float(np.linalg.norm(S.reshape(len(S), -1), "nuc"))
+
     lowest = norm(fit.structure)
     rng = np.random.default_rng(0)
     for _ in range(40):
@@ -47,7 +51,7 @@ def test_no_feasible_structure_has_a_smaller_nuclear_norm(small_scene: Scene) ->
 
 def test_weighted_problem_is_stationary(small_scene: Scene) -> None:
     """At the minimum of l2 |S|_* + 1/2 |W - R S|^2, -R'(R S - W) is l2 times a subgradient of the nuclear norm."""
-    W, R, l2 = standardise(small_scene.tracks).W, small_scene.cameras, 0.5
+    W, R, l2 = standardise(small_scene.tracks).W, present(small_scene.cameras), 0.5
     S = fit_shape(W, R, l2, tol=1e-10, max_iter=20000).structure
     G = (R.transpose(0, 2, 1) @ (W - R @ S)).reshape(len(S), -1) / l2
     U, s, Vt = np.linalg.svd(S.reshape(len(S), -1), full_matrices=False)
@@ -57,14 +61,14 @@ def test_weighted_problem_is_stationary(small_scene: Scene) -> None:
 
 
 def test_smaller_weight_approaches_equality(small_scene: Scene) -> None:
-    W, R = standardise(small_scene.tracks).W, small_scene.cameras
+    W, R = standardise(small_scene.tracks).W, present(small_scene.cameras)
     exact = fit_shape(W, R, tol=1e-8).structure
     gaps = [np.linalg.norm(fit_shape(W, R, l2, tol=1e-8).structure - exact) for l2 in (0.1, 0.01, 0.001)]
     assert gaps[0] > gaps[1] > gaps[2]
 
 
 def test_rank_cut(small_scene: Scene) -> None:
-    S = small_scene.structure
+    S = present(small_scene.structure)
     cut = cut_rank(S, 3)
     assert np.linalg.matrix_rank(cut.reshape(len(S), -1)) == 3
     np.testing.assert_allclose(cut_rank(S, 30), S, atol=1e-12)
@@ -74,4 +78,4 @@ def test_rank_cut(small_scene: Scene) -> None:
 
 def test_negative_weight_is_refused(small_scene: Scene) -> None:
     with pytest.raises(MethodError, match="l2"):
-        BMM(l2=-1).reconstruct(small_scene.tracks, small_scene.cameras)
+        BMM(l2=-1).reconstruct(observed(small_scene))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,15 +12,17 @@ from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real.mocap import load_single
 from nrsfm.harness.evaluate import metrics
-from nrsfm.methods.base import MethodError
+from nrsfm.methods.base import MethodError, Observations
 from nrsfm.methods.structure.pta import PTA, fit_trajectories, trajectory_basis
 from nrsfm.methods.structure.rotation import estimate_cameras
+from tests.methods.parts import present
 
 
 def on_basis(n_frames: int, rank: int, n_points: int) -> np.ndarray:
     rng = np.random.default_rng(0)
     S = np.einsum("fk,kjp->fjp", trajectory_basis(n_frames, rank), rng.standard_normal((rank, 3, n_points)))
-    return S - S.mean(axis=2, keepdims=True)
+    centred: np.ndarray = S - S.mean(axis=2, keepdims=True)
+    return centred
 
 
 def test_the_basis_is_the_cosine_transform() -> None:
@@ -35,8 +38,8 @@ def test_trajectories_on_the_basis_come_back() -> None:
     """With a camera that turns faster than they move; through gaps as well, once hidden points are in their places."""
     R = orbit(60, 25.0)
     S = on_basis(60, 4, 10)
-    found = PTA(rank=4).reconstruct(project(R, S), R)
-    np.testing.assert_allclose(found.structure, S, atol=1e-9)
+    found = PTA(rank=4).reconstruct(Observations(project(R, S), R))
+    np.testing.assert_allclose(present(found.structure), S, atol=1e-9)
     visible = np.random.default_rng(1).random((60, 10)) > 0.2
     np.testing.assert_allclose(fit_trajectories(project(R, S), R, 4, visible), S, atol=1e-9)
 
@@ -50,9 +53,9 @@ def test_it_is_the_least_squares_fit(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("rank", [0, -1, 2.5, 31, None])
-def test_ranks_that_cannot_be_are_refused(rank: object) -> None:
+def test_ranks_that_cannot_be_are_refused(rank: Any) -> None:
     with pytest.raises(MethodError, match="rank"):
-        PTA(rank=rank).reconstruct(np.random.default_rng(0).standard_normal((30, 2, 8)), orbit(30))  # type: ignore[arg-type]
+        PTA(rank=rank).reconstruct(Observations(np.random.default_rng(0).standard_normal((30, 2, 8)), orbit(30)))
 
 
 @pytest.mark.data
@@ -62,7 +65,7 @@ def test_ranks_that_cannot_be_are_refused(rank: object) -> None:
 def test_published_errors(data_folder: Path, body: str, K: int, published: float, metric: str) -> None:
     """With rotations of the same K. Dance is stored in the camera's frame."""
     scene = load_single(data_folder, body)
-    found = PTA(rank=K).reconstruct(scene.tracks, estimate_cameras(scene.tracks, rank=K))
+    found = PTA(rank=K).reconstruct(Observations(scene.tracks, estimate_cameras(scene.tracks, rank=K)))
     assert metrics.evaluate(scene, found, known_cameras=False)[metric] == pytest.approx(published, rel=0.01)
 
 

@@ -1,0 +1,46 @@
+"""Symmetric products, factors and eigenvectors by the LAPACK routines that do half the work."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from nrsfm.methods.base import Array
+
+#: The smallest positive normal double; keeps divisions finite.
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def gram(A: Array) -> Array:
+    """A'A for an (m, n) array. Only its lower triangle is computed; the rest is zero."""
+    if A.flags.c_contiguous:  # A.T is in the order that BLAS wants, so nothing is copied
+        product: Array = scipy.linalg.blas.dsyrk(1.0, A.T, lower=1)
+    else:
+        product = scipy.linalg.blas.dsyrk(1.0, A, trans=1, lower=1)
+    return product
+
+
+def shifted_cholesky(A: Array, shift: float) -> Array:
+    """Lower Cholesky factor of A + shift I for :func:`cholesky_solve`; only the lower triangle of A is read."""
+    A = A.copy(order="F")
+    A[np.diag_indices(len(A))] += shift
+    factor: Array = scipy.linalg.cho_factor(A, lower=True, overwrite_a=True, check_finite=False)[0]
+    return factor
+
+
+def cholesky_solve(factor: Array, B: Array) -> Array:
+    """X of A X = B by the lower factor of A; B is overwritten where that saves a copy."""
+    X: Array = scipy.linalg.cho_solve((factor, True), B, overwrite_b=True, check_finite=False)
+    return X
+
+
+def symmetric_eigen(A: Array) -> tuple[Array, Array]:
+    """Eigenvalues, ascending, and eigenvectors of a symmetric array."""
+    values, vectors = scipy.linalg.eigh(A, check_finite=False, driver="evd")
+    return values, vectors
+
+
+def without_diagonal(A: Array) -> Array:
+    """A itself, its diagonal set to zero in place."""
+    np.fill_diagonal(A, 0)
+    return A

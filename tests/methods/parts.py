@@ -1,0 +1,47 @@
+"""What several tests of methods are made of."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+
+from nrsfm.datasets.scene import Scene
+from nrsfm.methods.base import Array, Observations
+from nrsfm.methods.multibody.lagrangian import PrintedState
+
+T = TypeVar("T")
+
+
+def present(value: T | None) -> T:
+    """The value, which is not None."""
+    assert value is not None
+    return value
+
+
+def observed(scene: Scene) -> Observations:
+    """The tracks, cameras and gaps of a scene."""
+    return Observations(scene.tracks, scene.cameras, scene.visible)
+
+
+def random_state(rng: np.random.Generator, n_frames: int, n_points: int, width: int | None = None) -> PrintedState:
+    """A random state with a medium penalty; E and Y3 have ``width`` columns, by default as many as C."""
+
+    def triple() -> Array:
+        return rng.standard_normal((n_frames, 3, n_points))
+
+    def square(columns: int) -> Array:
+        return 0.3 * rng.standard_normal((n_points, columns))
+
+    wide = width or n_points
+    return PrintedState(
+        S=triple(),
+        shape=triple(),
+        C=square(n_points),
+        E=square(wide),
+        Y1=triple(),
+        Y2=triple(),
+        Y3=square(wide),
+        Y4=rng.standard_normal((n_points,)),
+        b=0.7,
+    )
