@@ -1,10 +1,11 @@
-"""Hydra on the configuration tree of this package and of those that are installed. Light: no method is loaded."""
+"""Composition by Hydra from the configurations of this package and of installed packages. Loads no method."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal, get_args
 
 from hydra import compose, initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
@@ -20,12 +21,16 @@ from nrsfm.harness.config.plugins import folders
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.text import printable
 
+#: What replaces a real sequence that is missing, and which finished trials run again.
+Missing = Literal["error", "stand_in"]
+Rerun = Literal["none", "failed", "stale", "all"]
+
 #: Keys that take one of a few words.
-WORDS = {"missing": ("error", "stand_in"), "rerun": ("none", "failed", "stale", "all")}
+WORDS: dict[str, tuple[str, ...]] = {"missing": get_args(Missing), "rerun": get_args(Rerun)}
 
 
-class Configurations(SearchPathPlugin):
-    """Puts the configurations of installed packages into Hydra's search path, behind the harness's own."""
+class Configurations(SearchPathPlugin):  # type: ignore[misc]  # Hydra is untyped
+    """Adds the configurations of installed packages to Hydra's search path, after the harness's own."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         for package, folder in folders().items():
@@ -43,14 +48,10 @@ def one_line(error: BaseException) -> str:
 
 
 @contextmanager
-def configurations() -> Iterator[None]:
-    """Hydra initialised on the package's configuration tree; its errors become one-line UsageErrors."""
+def hydra_errors() -> Iterator[None]:
+    """Raise the errors of Hydra, OmegaConf and YAML as one-line UsageErrors."""
     try:
-        if GlobalHydra.instance().is_initialized():
-            yield
-        else:
-            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
-                yield
+        yield
     except (HydraException, OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
         raise UsageError(one_line(error)) from None
     except ValueError as error:
@@ -60,12 +61,24 @@ def configurations() -> Iterator[None]:
         raise UsageError(f"{one_line(error)}: {remedy}") from None
 
 
+@contextmanager
+def configurations() -> Iterator[None]:
+    """Initialise Hydra on the package's configurations; see :func:`hydra_errors` for its errors."""
+    with hydra_errors():
+        if GlobalHydra.instance().is_initialized():
+            yield
+        else:
+            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
+                yield
+
+
 def compose_config(overrides: Sequence[str] = ()) -> DictConfig:
-    """The configuration that the overrides make, as ``nrsfm run`` would see it."""
+    """Compose the configuration of ``nrsfm run`` with the same overrides."""
     with configurations():
-        return compose("config", overrides=list(overrides))
+        config: DictConfig = compose("config", overrides=list(overrides))
+    return config
 
 
 def data_folder() -> Path:
-    """The folder of the real sequences, as a run would take it."""
+    """The folder of the real sequences that a run reads."""
     return Path(compose_config().data or "data").resolve()

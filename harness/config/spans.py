@@ -1,13 +1,18 @@
+"""A command line expanded into its trials."""
+
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from hydra import compose
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
+from omegaconf import DictConfig
 
 from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.jobs import plain_jobs
@@ -18,41 +23,136 @@ from nrsfm.harness.record.trial import Trial
 MOST = 100_000  # trials of a sweep
 
 
+@dataclass(frozen=True)
+class Request:
+    """An expanded command line.
+
+    Parameters
+    ----------
+    experiment : str or None
+        The experiment that was asked for.
+    trials : sequence of (Trial, Settings)
+        Each trial once, in the order in which they run.
+    config : mapping
+        The resolved configuration of the first trial.
+    hydra : DictConfig
+        Hydra's own configuration: the launcher and the sweeper.
+    launching : sequence of str
+        The overrides that start a worker with the same launcher: the experiment, and Hydra's own keys.
+    others : sequence of str
+        The overrides without the choice of an experiment.
+    """
+
+    experiment: str | None
+    trials: Sequence[tuple[Trial, Settings]]
+    config: Mapping[str, Any]
+    hydra: DictConfig
+    launching: Sequence[str]
+    others: Sequence[str]
+
+    @classmethod
+    def of(cls, overrides: Sequence[str], default: str | None = None) -> Request:
+        """Expand overrides.
+
+        Parameters
+        ----------
+        overrides : sequence of str
+        default : str, optional
+            The experiment of overrides that choose no experiment, no dataset and no method, and span no sweep.
+
+        Raises
+        ------
+        UsageError
+            If a job cannot be composed, has a value that no trial can have, or there are no jobs.
+        """
+        with configurations():
+            line = _Line.of(overrides)
+            if default and not line.names_trials:
+                line = _Line.of([f"experiment={default}", *overrides])
+            plain = list(plain_jobs(line.jobs()))
+        if not plain:
+            raise UsageError("the sweep spans no trial")
+        trials: dict[str, tuple[Trial, Settings]] = {}
+        for trial, settings in map(read_plain, plain):
+            trials.setdefault(trial.setting, (trial, settings))
+        others = [word for word, o in zip(line.words, line.parsed, strict=True) if o.key_or_group != "experiment"]
+        return cls(line.experiment, list(trials.values()), plain[0], line.hydra, line.launching, others)
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of the first trial."""
+        return self.trials[0][1]
+
+    def with_experiment(self, name: str) -> Request:
+        """The same overrides of another experiment."""
+        return self if name == self.experiment else Request.of([f"experiment={name}", *self.others])
+
+
+def expand(overrides: Sequence[str]) -> Sequence[tuple[Trial, Settings]]:
+    """The trials of :meth:`Request.of`."""
+    return Request.of(overrides).trials
+
+
 def spanned(overrides: Sequence[str]) -> list[list[str]]:
     """The jobs that overrides span, each a list of plain overrides.
 
-    An experiment's sweep parameters are those of its ``hydra.sweeper.params``; a command-line override of the same
-    key takes their place.
+    The sweep of an experiment is in its ``hydra.sweeper.params``; an override of the same key replaces it.
 
     Raises
     ------
     UsageError
-        If an override does not parse, or names a key or a choice that is not there.
+        If an override does not parse, or names an unknown key or choice.
     """
     with configurations():
-        parser = OverridesParser.create()
-        own = compose("config", overrides=launching(overrides), return_hydra_config=True).hydra.sweeper.params or {}
-        keys = {o.key_or_group for o in parser.parse_overrides(list(overrides))}
-        words = [*(f"{key}={value}" for key, value in own.items() if key not in keys), *overrides]
-        everything = parser.parse_overrides(words)
-        _check_number(everything)
-        for override in everything:
+        return _Line.of(overrides).jobs()
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Overrides, parsed, with Hydra's configuration for their experiment."""
+
+    words: Sequence[str]
+    parsed: Sequence[Override]
+    hydra: DictConfig
+    launching: Sequence[str]
+
+    @classmethod
+    def of(cls, words: Sequence[str]) -> _Line:
+        parsed = OverridesParser.create().parse_overrides(list(words))
+        for override in parsed:
+            if override.key_or_group == "experiment" and override.is_sweep_override():
+                raise UsageError(f"{override.input_line} names several experiments; give one, and run each on its own")
+        own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
+        launching = [str(o.input_line) for o in own if not o.is_sweep_override()]
+        return cls(words, parsed, compose("config", launching, return_hydra_config=True).hydra, launching)
+
+    @property
+    def experiment(self) -> str | None:
+        name = self.hydra.runtime.choices.get("experiment")
+        return None if name in (None, "null") else str(name)
+
+    @property
+    def names_trials(self) -> bool:
+        """Whether the overrides choose an experiment, a dataset or a method, or span a sweep."""
+        chosen = any(o.is_sweep_override() or o.key_or_group in ("dataset", "method") for o in self.parsed)
+        return chosen or self.experiment is not None
+
+    def jobs(self) -> list[list[str]]:
+        """The plain overrides of each job."""
+        keys = {o.key_or_group for o in self.parsed}
+        params = self.hydra.sweeper.params or {}
+        swept = [f"{key}={value}" for key, value in params.items() if key not in keys]
+        overrides = [*OverridesParser.create().parse_overrides(swept), *self.parsed]
+        _check_number(overrides)
+        for override in overrides:
             if override.is_sweep_override():
                 _check_choices(override)
-        batches: list[list[list[str]]] = BasicSweeper.split_arguments(everything, None)
+        batches: list[list[list[str]]] = BasicSweeper.split_arguments(overrides, None)
         return [job for batch in batches for job in batch]
 
 
-def launching(overrides: Sequence[str]) -> list[str]:
-    """What Hydra needs of the overrides to start the workers: the experiment and its own keys, of single values."""
-    with configurations():
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-    own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
-    return [str(o.input_line) for o in own if not o.is_sweep_override()]
-
-
 def _check_number(overrides: Iterable[Override]) -> None:
-    """Raise UsageError, before any list is made, if a sweep would have no end or more trials than can be meant."""
+    """Raise UsageError, before any list is made, if a sweep has no end or more than :data:`MOST` trials."""
     total = 1.0
     for override in overrides:
         swept = override.value()
@@ -66,26 +166,8 @@ def _check_number(overrides: Iterable[Override]) -> None:
 
 
 def _check_choices(override: Override) -> None:
-    """Raise UsageError if a swept group is to take a choice that is not there."""
+    """Raise UsageError if a sweep over a group names an unknown choice."""
     options = GlobalHydra.instance().config_loader().get_group_options(override.key_or_group)
     unknown = [str(v) for v in override.sweep_iterator() if str(v) not in options] if options else []
     if unknown:
         raise UsageError(f"{override.key_or_group} {unknown[0]!r} is none of {', '.join(options)}")
-
-
-def expand(overrides: Sequence[str]) -> list[tuple[Trial, Settings]]:
-    """The trials of an experiment or sweep, each once, in the order in which they would run.
-
-    Raises
-    ------
-    UsageError
-        If a job cannot be composed, holds a value that no trial can have, or there is none.
-    """
-    with configurations():
-        seen: dict[str, tuple[Trial, Settings]] = {}
-        for plain in plain_jobs(spanned(overrides)):
-            trial, settings = read_plain(plain)
-            seen.setdefault(trial.setting, (trial, settings))
-    if not seen:
-        raise UsageError("the sweep spans no trial")
-    return list(seen.values())
