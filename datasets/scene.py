@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +179,17 @@ def view(body: Body, name: str | None = None) -> Scene:
         digest=body.digest,
         stand_in=body.stand_in,
     )
+
+
+def placement_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of :func:`compose` from the settings of a dataset."""
+    return {
+        "name": settings["name"],
+        "placement": settings["placement"],
+        "turn_upright": settings["upright"],
+        "scale": settings["scale"],
+        "degrees_per_frame": settings["degrees_per_frame"],
+    }
 
 
 def compose(

@@ -16,7 +16,7 @@ FRAMES_PER_SECOND, SHORTEST_SECONDS = 30.0, 4.0
 LARGEST = 10**8  # points times frames of one body: 2.4 GB
 
 
-def settings(n_points: int, n_frames: int, seed: int) -> str:
+def check_settings(n_points: int, n_frames: int, seed: int) -> str:
     """Check the settings, and print them as the digest has them."""
     for key, value, least in (("points", n_points, 2), ("frames", n_frames, 2), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:

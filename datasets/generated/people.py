@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, Body
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.generated.motion import VERSION, rotations, settings, signals
+from nrsfm.datasets.generated.motion import VERSION, check_settings, rotations, signals
 
 N_SIGNALS = 5
 
@@ -87,7 +87,7 @@ def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str
     DatasetError
         If a setting is out of range.
     """
-    said = settings(n_points, n_frames, seed)
+    described = check_settings(n_points, n_frames, seed)
     activity = activity or activity_of(seed)
     if activity not in ACTIVITIES:
         raise DatasetError(f"activity is {activity!r}, wanted one of {', '.join(ACTIVITIES)}")
@@ -119,7 +119,7 @@ def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str
         for j, p in enumerate(parents):
             nearest[j] = np.searchsorted(kept, j) if j in kept else nearest[p]
         S, edges = S[:, :, kept], np.column_stack([nearest[parents[kept[1:]]], np.arange(1, n_points)])
-    digest = f"procedural:{VERSION}:person:{said}:activity={activity}"
+    digest = f"procedural:{VERSION}:person:{described}:activity={activity}"
     return Body("person", np.ascontiguousarray(S), edges, digest=digest)
 
 

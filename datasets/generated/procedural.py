@@ -6,23 +6,35 @@ Bodies deform and do not turn as a whole. Same settings, same numbers.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nrsfm.datasets.body import Body
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.generated.motion import settings
+from nrsfm.datasets.generated.motion import VERSION, check_settings
 from nrsfm.datasets.generated.people import activity_of, person
 from nrsfm.datasets.generated.surfaces import SURFACES
-from nrsfm.datasets.scene import Scene, compose
+from nrsfm.datasets.scene import Scene, compose, placement_of
 
 KINDS = ("person", *SURFACES)
 
 
 FACES = ("face", "shark")  # sequences whose stand-in is a surface
+
+
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene of the settings of ``conf/dataset/procedural.yaml``; no file is read."""
+    shape = settings["bodies"], settings["points"], settings["frames"], settings["seed"]
+    return load_scene(*shape, **placement_of(settings))
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """The generator's version."""
+    return VERSION
 
 
 def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, seed: int = 0) -> list[Body]:
@@ -40,7 +52,7 @@ def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, s
         raise DatasetError(f"dataset.points holds {len(counts)} numbers for {len(kinds)} bodies; wanted one for each")
     made: list[Body] = []
     for k, (kind, count) in enumerate(zip(kinds, counts, strict=True)):
-        settings(count, n_frames, seed)
+        check_settings(count, n_frames, seed)
         nth = sum(kind == other for other in kinds[:k])
         own = seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         if kind == "person":
@@ -51,12 +63,12 @@ def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, s
     return made
 
 
-def stand_in(name: str, n_frames: int, n_points: int, kind: str | None = None) -> Body:
-    """A body in the place of a sequence that is absent: of its name and size, and marked as a stand-in.
+def stand_in(name: str, n_frames: int, n_points: int) -> Body:
+    """A body that takes the place of an absent sequence: of its name and size, and marked as a stand-in.
 
-    The seed comes from the name; ``kind`` is a face for :data:`FACES`, else a person, when it is not given.
+    It is a face for :data:`FACES`, else a person. The seed comes from the name.
     """
-    kind = kind or ("face" if name in FACES else "person")
+    kind = "face" if name in FACES else "person"
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little")
     return replace(bodies([kind], n_points, n_frames, seed)[0], name=name, stand_in=True)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, Body
-from nrsfm.datasets.generated.motion import VERSION, rotations, settings, signals
+from nrsfm.datasets.generated.motion import VERSION, check_settings, rotations, signals
 
 # Height above the face's ellipsoid in metres, then where: across and up in shares of the face's half width and half
 # length, and the bump's radii there. Across is taken on both sides.
@@ -48,7 +48,7 @@ def face(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
     28,880 points are a grid of 190 rows and 152 columns. Settings and errors are those of
     :func:`nrsfm.datasets.generated.people.person`.
     """
-    said = settings(n_points, n_frames, seed)
+    described = check_settings(n_points, n_frames, seed)
     rng = np.random.default_rng([2, seed])
     across, down, edges = _grid(n_points)
     azimuth, height = np.deg2rad(80) * across, np.deg2rad(68) * down
@@ -72,7 +72,7 @@ def face(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
     turn = np.zeros((n_frames, 3))
     turn[:, 1] = np.deg2rad(20) * a[:, 0]
     S += follows * ((rotations(turn) - np.eye(3)) @ rest)
-    return Body("face", S, edges, digest=f"procedural:{VERSION}:face:{said}")
+    return Body("face", S, edges, digest=f"procedural:{VERSION}:face:{described}")
 
 
 def heart(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
@@ -82,7 +82,7 @@ def heart(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
     camera would be points of one and the same rigid body, which no method can tell apart.
     Points, edges, settings and errors as for :func:`face`.
     """
-    said = settings(n_points, n_frames, seed)
+    described = check_settings(n_points, n_frames, seed)
     rng = np.random.default_rng([4, seed])
     across, down, edges = _grid(n_points)
     azimuth, height = np.deg2rad(85) * across, np.deg2rad(75) * down
@@ -108,7 +108,7 @@ def heart(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
     turn[:, 2] = np.deg2rad(14) * (0.5 + 0.5 * a[:, 1])
     S += lower * (1 - v) / 2 * ((rotations(turn) - np.eye(3)) @ side)
     S = rotations(np.deg2rad(12) * signals(rng, 3, n_frames)) @ S
-    return Body("heart", S, edges, digest=f"procedural:{VERSION}:heart:{said}")
+    return Body("heart", S, edges, digest=f"procedural:{VERSION}:heart:{described}")
 
 
 SURFACES: Mapping[str, Callable[[int, int, int], Body]] = {"face": face, "heart": heart}

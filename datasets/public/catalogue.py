@@ -47,12 +47,6 @@ class File:
         return {self.group, self.path, name.name, name.stem, *self.aliases}
 
 
-def check_name(setting: str, name: object) -> None:
-    """Raise DatasetError unless a name is that of a file in its folder, and of none above or below."""
-    if not isinstance(name, str) or not name.isprintable() or set(name) & set("/\\:") or not name.strip(". "):
-        raise DatasetError(f"dataset.{setting} is {str(name)[:80]!a}, wanted the name of a file, without its folder")
-
-
 def listed(group: str, url: str, terms: str, source: str, table: str) -> list[File]:
     """Files of one place, terms and citation; the table has a line each: name size sha256 [name there [alias ...]]."""
     files = []

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from nrsfm.datasets.body import Array, observed
-from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.readers.apart import Damaged, read_apart
+from nrsfm.datasets.errors import DatasetError, existing
+from nrsfm.datasets.readers.guarded import Damaged, read_guarded
 
 LARGEST = 20_000_000  # positions in one file
 
@@ -69,13 +69,12 @@ def read_c3d(path: Path) -> Markers:
         If ezc3d is not installed, or the file cannot be read, is cut short, holds no points, or its header, parameters
         and points disagree.
     """
-    if not path.is_file():
-        raise MissingData(f"{path} is not there; set NRSFM_DATA to its folder")
+    existing(path, "set NRSFM_DATA to its folder")
     if importlib.util.find_spec("ezc3d") is None:
         raise DatasetError("C3D files are read with ezc3d, which is not installed; pip install 'nrsfm[umpm]'")
     try:
         frames, points, first = _header(path)
-        stored = read_apart("c3d", path, BYTES_A_POSITION * frames * points)
+        stored = read_guarded("c3d", path, BYTES_A_POSITION * frames * points)
         if stored["points"].shape != (frames, 3, points):
             found, _, held = stored["points"].shape
             raise Damaged(f"its header tells of {frames} frames of {points} points, {found} of {held} were found")

@@ -1,39 +1,42 @@
-"""Tracks as CSV from strangers: bounded, strict, and every complaint names the line.
+"""Tracks in CSV files, long or wide; every complaint names the line.
 
-Long, a line for each observation, in any order; a line that is not there is a gap::
+Long: a line for each observation, in any order. A line that is not there is a gap::
 
     frame,track,x,y                 and, where they are known, label and visible
     0,nose,312.5,98.0
 
-Wide, a line for each frame; empty cells are a gap::
+Wide: a line for each frame. Empty cells are a gap::
 
     x_nose,y_nose,x_chin,y_chin     or nose.x,nose.y,chin.x,chin.y; before them a column 'frame', if there is one
     312.5,98.0,,
+
+The csv module splits the lines: pandas' parsers take a line that was cut short for a gap, and need 25 times as long for
+a wide file of 29,000 tracks. pandas holds the table of observations.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.readers.trackfields import MOST, Parts, check_size, check_words, named, order
+from nrsfm.datasets.readers.trackfields import MOST, TrackFile, check_size, check_words, named, order
 
-T = TypeVar("T")
-
+if TYPE_CHECKING:
+    import pandas as pd  # takes 0.3 s, which a wide file need not
 
 LINE = 1 << 24  # characters of one line
 
 
-CHUNK = 1 << 18  # cells that are taken in at once
+CHUNK = 1 << 18  # cells that are text at the same time
 
 
 SPARSE = 100  # of so many positions one must be observed, where there are many
@@ -42,7 +45,7 @@ SPARSE = 100  # of so many positions one must be observed, where there are many
 NEEDED, KNOWN = ("frame", "track", "x", "y"), ("label", "visible")
 
 
-YES, NO = ("1", "true"), ("0", "false")
+VISIBLE = {"1": True, "true": True, "0": False, "false": False}
 
 
 HEADERS = (
@@ -51,11 +54,11 @@ HEADERS = (
 )
 
 
-def read_csv(path: Path) -> Parts:
-    """Read tracks from a CSV file, UTF-8 with commas, long or wide as the module says.
+def read_csv(path: Path) -> TrackFile:
+    """Read tracks from a CSV file, UTF-8 with commas, in one of the layouts above.
 
     An observation that is missing has no line, or empty or ``nan`` coordinates, or ``visible`` 0. Frames and tracks are
-    called by numbers, which are sorted, or by any words, which stay in the order of the file. ``label`` is the same in
+    named by numbers, which are sorted, or by any words, which stay in the order of the file. ``label`` is the same in
     all lines of a track.
 
     Raises
@@ -75,6 +78,7 @@ def read_csv(path: Path) -> Parts:
 
 
 def _lines(path: Path, stream: IO[str]) -> Iterator[str]:
+    """Lines of a file; DatasetError if one is longer than :data:`LINE`."""
     while line := stream.readline(LINE):
         if len(line) == LINE:
             raise DatasetError(f"{path}: a line has more than {LINE} characters; {HEADERS}")
@@ -83,115 +87,114 @@ def _lines(path: Path, stream: IO[str]) -> Iterator[str]:
 
 def _chunks(
     path: Path, header: Sequence[str], lines: Iterator[list[str]]
-) -> Iterator[tuple[Sequence[int], list[list[str]]]]:
-    """Rows, some at a time, each as long as the header, and the numbers of their lines; blank lines are left out."""
-    first = 2
-    while rows := list(islice(lines, max(1, CHUNK // max(1, len(header))))):
-        numbers = [first + k for k, row in enumerate(rows) if row]
-        first += len(rows)
-        rows = [row for row in rows if row]
-        for number, row in zip(numbers, rows, strict=True):
+) -> Iterator[tuple[list[int], list[list[str]]]]:
+    """Line numbers and cells, :data:`CHUNK` cells at a time; blank lines are left out."""
+    filled = ((number, row) for number, row in enumerate(lines, start=2) if row)
+    while chunk := list(islice(filled, max(1, CHUNK // max(1, len(header))))):
+        for number, row in chunk:
             if len(row) != len(header):
                 raise DatasetError(
                     f"{path}: line {number} has {len(row)} cells and the header {len(header)}; mend the line"
                 )
-        if rows:
-            yield numbers, rows
+        yield [number for number, _ in chunk], [row for _, row in chunk]
 
 
-def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> Parts:
-    unknown = [word for word in header if word not in (*NEEDED, *KNOWN)]
-    if unknown or len(set(header)) < len(header):
-        what = f"{unknown[0][:40]!a}, which is not known" if unknown else "a name twice"
-        raise DatasetError(f"{path}: its header holds {what}; {HEADERS}")
-    frames, tracks, bodies = _Words(), _Words(), _Words()
-    parts: list[tuple[NDArray[np.int64], NDArray[np.int64], Array]] = []
-    labels: dict[int, int] = {}
-    n_seen = 0
-    for numbers, rows in _chunks(path, header, lines):
-        column = dict(zip(header, zip(*rows, strict=True), strict=True))
-        f, p = frames.places(column["frame"]), tracks.places(column["track"])
-        xy = np.stack([_values(path, numbers, name, column[name]) for name in "xy"])
-        if "visible" in column:
-            xy[:, ~np.array(_parsed(path, numbers, "visible", column["visible"], _seen))] = np.nan
-        n_seen += len(rows)
-        check_size(path, len(frames.held), 1)
-        check_size(path, 1, len(tracks.held))
-        if n_seen > MOST:
-            raise DatasetError(f"{path}: it holds more than {MOST} observations; leave some out")
-        if "label" in column:
-            for track, label in set(zip(p.tolist(), bodies.places(column["label"]).tolist(), strict=True)):
-                if labels.setdefault(track, label) != label:
-                    name, said = (
-                        ascii(tracks.names[track][:40]),
-                        " and ".join(ascii(bodies.names[k][:40]) for k in sorted((labels[track], label))),
-                    )
-                    raise DatasetError(f"{path}: track {name} has the labels {said}; give it one in all its lines")
-        parts.append((f, p, xy))
-    if not parts:
-        raise DatasetError(f"{path}: it holds no observation; {HEADERS}")
-    f, p, xy = (np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True))
-    frame_names, frame_rank = _sorted(path, "frame", frames)
-    ids, track_rank = _sorted(path, "track", tracks)
+def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFile:
+    table, names = _observations(path, header, lines)
+    frame_names, frame_rank = _in_order(path, "frame", list(names["frame"]))
+    ids, track_rank = _in_order(path, "track", list(names["track"]))
     F, P = len(frame_names), len(ids)
-    _check_filled(path, F, P, n_seen)
-    f, p = frame_rank[f], track_rank[p]
-    flat = np.sort(f * P + p)
-    if (twice := flat[1:][flat[1:] == flat[:-1]]).size:
-        frame, track = frame_names[twice[0] // P][:40], ids[twice[0] % P][:40]
+    check_size(path, F, P)
+    most = max(1_000_000, SPARSE * len(table))
+    if most < F * P:
+        raise DatasetError(
+            f"{path}: {len(table)} lines of {F} frames and {P} tracks are less than 1 in {SPARSE} observed; give a track "
+            "one name in all frames that it is seen in"
+        )
+    f, p = frame_rank[table["frame"]], track_rank[table["track"]]
+    twice = table.duplicated(["frame", "track"]).to_numpy()
+    if twice.any():
+        frame, track = frame_names[f[twice][0]][:40], ids[p[twice][0]][:40]
         raise DatasetError(f"{path}: frame {frame!a}, track {track!a} stands there twice; leave one of the lines out")
     W = np.full((F, 2, P), np.nan)
-    W[f, :, p] = xy.T
-    truth, called = _labels(path, ids, track_rank, labels, bodies.names)
-    return Parts(W, frame_names, ids, labels=truth, bodies=called)
-
-
-def _labels(
-    path: Path, ids: Sequence[str], rank: NDArray[np.int64], labels: dict[int, int], bodies: list[str]
-) -> tuple[NDArray[np.int64] | None, tuple[str, ...]]:
-    """Labels of the sorted tracks, and what they are called; nothing where no line has one."""
-    words = [""] * len(ids)
-    for track, label in labels.items():
-        words[rank[track]] = bodies[label]
+    W[f, :, p] = table[["x", "y"]]
+    if "label" not in header:
+        return TrackFile(W, frame_names, ids)
+    words = _labels(path, table, list(names["track"]), list(names["label"]))
+    words = [words[k] for k in np.argsort(track_rank)]
     if not any(words):
-        return None, ()
+        return TrackFile(W, frame_names, ids)
     if "" in words:
+        track = ids[words.index("")][:40]
         raise DatasetError(
-            f"{path}: track {ids[words.index('')][:40]!a} has no label and others have; label all tracks, or leave the "
-            "column out"
+            f"{path}: track {track!a} has no label and others have; label all tracks, or leave the column out"
         )
-    return named(path, "label", words)
+    labels, bodies = named(path, "label", words)
+    return TrackFile(W, frame_names, ids, labels=labels, bodies=bodies)
 
 
-def _check_filled(path: Path, n_frames: int, n_points: int, n_seen: int) -> None:
-    """Raise DatasetError if an array of all positions would be large, or large beside what the file holds."""
-    check_size(path, n_frames, n_points)
-    if n_frames * n_points > max(1_000_000, SPARSE * n_seen):
-        raise DatasetError(
-            f"{path}: {n_seen} lines of {n_frames} frames and {n_points} tracks are less than 1 in {SPARSE} observed; "
-            "give a track one name in all frames that it is seen in"
-        )
+def _observations(
+    path: Path, header: list[str], lines: Iterator[list[str]]
+) -> tuple[pd.DataFrame, dict[str, dict[str, int]]]:
+    """A table of x, y and the indices of frame, track and label; and the index of each of their names."""
+    import pandas as pd
+
+    unknown = [word for word in header if word not in (*NEEDED, *KNOWN)]
+    if unknown or len(set(header)) < len(header):
+        fault = f"{unknown[0][:40]!a}, which is not known" if unknown else "a name twice"
+        raise DatasetError(f"{path}: its header holds {fault}; {HEADERS}")
+    names: dict[str, dict[str, int]] = {name: {} for name in ("frame", "track", "label") if name in header}
+    parts: list[pd.DataFrame] = []
+    n_lines = 0
+    for numbers, rows in _chunks(path, header, lines):
+        cells = dict(zip(header, zip(*rows, strict=True), strict=True))
+        n_lines += len(rows)
+        if n_lines > MOST:
+            raise DatasetError(f"{path}: it holds more than {MOST} observations; leave some out")
+        part = pd.DataFrame({name: _indices(known, cells[name]) for name, known in names.items()})
+        check_size(path, len(names["frame"]), 1)
+        check_size(path, 1, len(names["track"]))
+        for name in ("x", "y"):
+            part[name] = _coordinates(path, numbers, name, cells[name])
+        if "visible" in cells:
+            part.loc[~_visible(path, numbers, cells["visible"]), ["x", "y"]] = np.nan
+        parts.append(part)
+    if not parts:
+        raise DatasetError(f"{path}: it holds no observation; {HEADERS}")
+    return pd.concat(parts, ignore_index=True), names
 
 
-def _wide(path: Path, header: list[str], lines: Iterator[list[str]]) -> Parts:
+def _labels(path: Path, table: pd.DataFrame, tracks: list[str], labels: list[str]) -> list[str]:
+    """The label of each track; DatasetError if a track has two."""
+    pairs = table[["track", "label"]].drop_duplicates().sort_values(["track", "label"])
+    if (twice := pairs.loc[pairs["track"].duplicated(), "track"]).size:
+        track = int(twice.iloc[0])
+        found = " and ".join(ascii(labels[k][:40]) for k in pairs.loc[pairs["track"] == track, "label"][:2])
+        raise DatasetError(f"{path}: track {tracks[track][:40]!a} has the labels {found}; give it one in all its lines")
+    return [labels[k] for k in pairs["label"]]
+
+
+def _wide(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFile:
     framed = header[:1] == ["frame"]
     ids = _pairs(path, header[framed:])
     check_size(path, 1, len(ids))
-    parts, frames = [], _Words()
+    parts: list[Array] = []
+    frames: dict[str, int] = {}
     for numbers, rows in _chunks(path, header, lines):
-        before = len(frames.held)
-        check_size(path, before + len(rows), len(ids))
-        frames.places([row[0] for row in rows] if framed else list(map(str, range(before, before + len(rows)))))
-        if len(frames.held) < before + len(rows):
+        first = len(frames)
+        check_size(path, first + len(rows), len(ids))
+        _indices(frames, [row[0] for row in rows] if framed else map(str, range(first, first + len(rows))))
+        if len(frames) < first + len(rows):
             raise DatasetError(f"{path}: a frame stands there twice, in line {numbers[-1]} or before; leave one out")
         cells = [cell for row in rows for cell in row[framed:]]
-        parts.append(_values(path, np.repeat(numbers, 2 * len(ids)), "x or y", cells).reshape(len(rows), len(ids), 2))
+        values = _coordinates(path, np.repeat(numbers, 2 * len(ids)), "x or y", cells)
+        parts.append(values.reshape(len(rows), len(ids), 2))
     if not parts:
         raise DatasetError(f"{path}: it holds no observation; {HEADERS}")
-    names, rank = _sorted(path, "frame", frames)
+    names, rank = _in_order(path, "frame", list(frames))
     W = np.empty((len(names), 2, len(ids)))
     W[rank] = np.concatenate(parts).transpose(0, 2, 1)
-    return Parts(W, names, ids)
+    return TrackFile(W, names, ids)
 
 
 def _pairs(path: Path, header: list[str]) -> tuple[str, ...]:
@@ -210,74 +213,45 @@ def _pairs(path: Path, header: list[str]) -> tuple[str, ...]:
     return tuple(ids)
 
 
-class _Words:
-    """Words by the order in which they first came."""
-
-    def __init__(self) -> None:
-        self.held: dict[str, int] = {}
-
-    def places(self, words: Sequence[str]) -> NDArray[np.int64]:
-        held = self.held
-        return np.array([held.setdefault(word, len(held)) for word in map(str.strip, words)], dtype=np.int64)
-
-    @property
-    def names(self) -> list[str]:
-        return list(self.held)
+def _indices(known: dict[str, int], words: Iterable[str]) -> list[int]:
+    """Indices of words in the order in which they first came; new words are added to the known ones."""
+    return [known.setdefault(word.strip(), len(known)) for word in words]
 
 
-def _sorted(path: Path, field: str, words: _Words) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """Names in order, numbers by value and other words as they came; and the rank of each by the place it had."""
-    names = words.names
+def _in_order(path: Path, field: str, names: list[str]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Names sorted by value if all are numbers, else as they came; and the place of each in that order."""
     check_words(path, field, names)
     keys = [order(name) for name in names]
     places = list(range(len(names)))
-    if not any(key[0] for key in keys):
+    if not any(is_word for is_word, _, _ in keys):
         places.sort(key=keys.__getitem__)
-    rank = np.empty(len(names), dtype=np.int64)
-    rank[places] = np.arange(len(names))
-    return tuple(names[k] for k in places), rank
+    return tuple(names[k] for k in places), np.argsort(places)
 
 
-def _values(path: Path, numbers: Sequence[int] | NDArray[np.int64], name: str, words: Sequence[str]) -> Array:
-    """Coordinates; NaN where a cell is empty."""
-    try:
-        found = np.array(list(map(float, words)))  # what files mostly hold
-        if not np.isinf(found).any() and "_" not in "".join(words):
-            return found
-    except ValueError:
-        pass
-    return np.array(_parsed(path, numbers, name, words, _number))
+def _coordinates(path: Path, numbers: Sequence[int] | NDArray[np.int64], name: str, words: Sequence[str]) -> Array:
+    """Finite numbers, NaN where a cell is empty; ``numbers`` are the lines of the words."""
+    values = np.fromiter(map(_number, words), float, len(words))
+    if (bad := np.flatnonzero(np.isinf(values))).size:
+        wanted = "a finite number, or nothing where it is not observed"
+        raise _misfit(path, int(numbers[bad[0]]), name, words[bad[0]], wanted)
+    return values
 
 
 def _number(word: str) -> float:
-    word = word.strip()
-    value = float(word) if word else math.nan
-    if math.isinf(value) or "_" in word:
-        raise ValueError
-    return value
-
-
-def _seen(word: str) -> bool:
-    word = word.strip().lower()
-    if word not in (*YES, *NO):
-        raise ValueError
-    return word in YES
-
-
-def _parsed(
-    path: Path,
-    numbers: Sequence[int] | NDArray[np.int64],
-    name: str,
-    words: Sequence[str],
-    parse: Callable[[str], T],
-) -> list[T]:
-    """Every word parsed, which stands in the line of its number."""
-    found = []
+    """The value of a word, NaN if it is empty, and infinite if it is no number."""
     try:
-        for word in words:
-            found.append(parse(word))
+        return math.inf if "_" in word else float(word)
     except ValueError:
-        wanted = "0 or 1" if name == "visible" else "a finite number, or nothing where it is not observed"
-        said = ascii(words[len(found)][:40])
-        raise DatasetError(f"{path}: line {numbers[len(found)]}: {name} is {said}, wanted {wanted}") from None
-    return found
+        return math.inf if word.strip() else math.nan
+
+
+def _visible(path: Path, numbers: Sequence[int], words: Sequence[str]) -> NDArray[np.bool_]:
+    flags = [VISIBLE.get(word.strip().lower()) for word in words]
+    if None in flags:
+        k = flags.index(None)
+        raise _misfit(path, numbers[k], "visible", words[k], "0 or 1")
+    return np.array(flags, dtype=bool)
+
+
+def _misfit(path: Path, number: int, name: str, word: str, wanted: str) -> DatasetError:
+    return DatasetError(f"{path}: line {number}: {name} is {word[:40]!a}, wanted {wanted}")

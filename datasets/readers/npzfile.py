@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.readers.limits import allowance, claim, reason
 
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
@@ -35,8 +35,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
     DatasetError
         If it cannot be read, an array holds objects, is too large or not as large as it says.
     """
-    if not path.is_file():
-        raise MissingData(f"{path} is not there; set NRSFM_DATA to its folder")
+    existing(path, "set NRSFM_DATA to its folder")
     arrays: dict[str, NDArray[Any]] = {}
     room = allowance(path)
     try:

@@ -35,7 +35,7 @@ SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for ea
 
 
 @dataclass(frozen=True)
-class Parts:
+class TrackFile:
     """What a file of tracks holds, before it is held against each other.
 
     Parameters
@@ -60,7 +60,7 @@ class Parts:
     bodies: tuple[str, ...] = ()
 
 
-def read_fields(path: Path) -> Parts:
+def read_fields(path: Path) -> TrackFile:
     """Read an .npz or .mat file.
 
     ``tracks`` or ``W`` is (F, 2, P), or (2F, P) with rows x, y for each frame; so are ``cameras``, ``R`` or ``Rs``,
@@ -90,7 +90,7 @@ def read_fields(path: Path) -> Parts:
         for field, rows, columns in (("cameras", 2, 3), ("structure", 3, P))
         if field in held
     }
-    return Parts(W, frames, ids, labels=labels, bodies=bodies, **more)
+    return TrackFile(W, frames, ids, labels=labels, bodies=bodies, **more)
 
 
 def _one(path: Path, field: str, stored: Mapping[str, Any]) -> str:

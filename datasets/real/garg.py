@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from nrsfm.datasets.body import Array, centre
-from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.errors import DatasetError, check_whole, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real.neighbours import even_choice, nearest_edges, on_pixels, pixel_edges
@@ -45,57 +46,40 @@ SEQUENCES: Mapping[str, Sequence] = {
 
 
 def path(folder: Path, sequence: str) -> Path:
-    """The file of a sequence, ``garg/NAME.mat``; DatasetError that lists the names if there is no such sequence.
+    """The file of a sequence, ``garg/NAME.mat``.
 
-    MissingData if the file is not there.
+    Raises
+    ------
+    DatasetError
+        If there is no such sequence, with the names of all; MissingData if the file is not there.
     """
     if sequence not in SEQUENCES:
         raise DatasetError(f"dataset.sequence is {sequence!r}, wanted one of {', '.join(SEQUENCES)}")
-    file = folder / "garg" / f"{sequence}.mat"
-    if not file.is_file():
-        raise MissingData(
-            f"{file} is not there; its authors give it out on request, and no generated data takes its place"
-        )
-    return file
+    return existing(
+        folder / "garg" / f"{sequence}.mat",
+        "its authors give it out on request, and no generated data takes its place",
+    )
 
 
-def load_scene(
-    folder: Path,
-    sequence: str,
-    *,
-    name: str | None = None,
-    points: int | None = None,
-    frames: int | None = None,
-    neighbours: int = 4,
-    fields: Mapping[str, str] | None = None,
-) -> Scene:
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """Read one sequence.
 
     Parameters
     ----------
+    settings : mapping
+        Those of ``conf/dataset/garg.yaml``. ``fields`` is what the file calls its tracks (2F, P), F rows of x and then F
+        rows of y, and its structure (3F, P), rows x, y, z for each frame or three blocks of F rows. Of these two layouts
+        the one is taken that explains the tracks.
     folder : Path
         The data folder, which holds ``garg/``.
-    sequence : str
-        One of :data:`SEQUENCES`.
-    name : str, optional
-        Scene name; the sequence's by default.
-    points : int, optional
-        How many points to keep, chosen evenly over the first image; None keeps all.
-    frames : int, optional
-        Keep the first frames alone.
-    neighbours : int
-        Points that each is joined to where there is no pixel grid: in the first image's plane.
-    fields : mapping, optional
-        What the file calls its ``tracks`` (2F, P), F rows of x and then F rows of y, and its ``structure`` (3F, P),
-        rows x, y, z for each frame or three blocks of F rows; ``W`` and ``S`` by default. Which of the two layouts
-        the structure has is told by the tracks that it must explain.
 
     Returns
     -------
     Scene
         One body. With true structure the cameras are those that see it as the tracks do, rows orthonormal, and the
         structure is in the units of the tracks; without, cameras and structure are None. Points of the first image that
-        lie on pixels of their own, all of them kept, are joined along the pixel grid.
+        lie on pixels of their own, all of them kept, are joined along the pixel grid, others to their nearest
+        ``neighbours``.
 
     Raises
     ------
@@ -104,44 +88,48 @@ def load_scene(
     DatasetError
         If a setting is out of range, the file cannot be read, or its fields do not fit each other.
     """
+    sequence, frames = settings["sequence"], settings["frames"]
     file, known = path(folder, sequence), SEQUENCES[sequence]
-    names = FIELDS | dict(fields or {})
-    tracks_field, truth_field = names["tracks"], names["structure"]
-    stored = read_mat(file, [tracks_field, truth_field] if known.truth else [tracks_field])
-    W = _tracks(file, tracks_field, stored[tracks_field], known)
-    if frames is not None and (isinstance(frames, bool) or not isinstance(frames, int) or not 2 <= frames <= len(W)):
-        raise DatasetError(f"dataset.frames is {frames!r}, but {sequence} allows 2..{len(W)}")
-    if isinstance(neighbours, bool) or not isinstance(neighbours, int) or neighbours < 1:
-        raise DatasetError(f"dataset.neighbours is {neighbours!r}, wanted a whole number of at least 1")
+    names = FIELDS | dict(settings["fields"] or {})
+    tracks_field, truth_field = str(names["tracks"]), str(names["structure"])
+    fields = read_mat(file, [tracks_field, truth_field] if known.truth else [tracks_field])
+    W = _tracks(file, tracks_field, fields[tracks_field], known)
+    if frames is not None:
+        check_whole("dataset.frames", frames, 2, len(W), f" for {sequence}")
+    check_whole("dataset.neighbours", settings["neighbours"], 1)
     structure = cameras = None
     if known.truth:
-        structure, cameras = _truth(file, truth_field, stored[truth_field], W)
-    chosen = even_choice(W[0], points)
+        structure, cameras = _truth(file, truth_field, fields[truth_field], W)
+    chosen = even_choice(W[0], settings["points"])
     pixels = on_pixels(W[0]) if len(chosen) == W.shape[2] else None
     W = W[:frames, :, chosen]
     if structure is not None and cameras is not None:
         structure, cameras = centre(structure[:frames, :, chosen]), cameras[:frames]
     return Scene(
-        name=name or sequence,
+        name=settings["name"] or sequence,
         tracks=centre(W),
         bodies=(sequence,),
         labels=np.zeros(len(chosen), dtype=np.int64),
         structure=structure,
         cameras=cameras,
-        edges=nearest_edges(W[0], neighbours) if pixels is None else pixel_edges(pixels),
+        edges=nearest_edges(W[0], settings["neighbours"]) if pixels is None else pixel_edges(pixels),
         digest=sha256(file),
     )
 
 
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """SHA-256 of the sequence's file."""
+    return sha256(path(folder, settings["sequence"]))
+
+
 def _tracks(file: Path, field: str, stacked: Array, known: Sequence) -> Array:
-    """(F, 2, P) of (2F, P), after its size is found to be the sequence's."""
+    """Tracks (F, 2, P) from the stacked (2F, P); DatasetError unless they are finite and of the sequence's size."""
     rows, P = stacked.shape if stacked.ndim == 2 else (0, 0)
     F = known.n_frames or rows // 2
     if rows != 2 * F or F < 2 or P < 2 or (known.n_points and known.n_points != P):
         wanted = f"({2 * F}, {known.n_points})" if known.n_points else "(2F, P)"
         raise DatasetError(f"{file}: field {field} has shape {stacked.shape}, wanted {wanted}; is it the right file?")
-    if not np.isfinite(stacked).all():
-        raise DatasetError(f"{file}: field {field} holds NaN or infinite values; fetch the file again")
+    _check_finite(file, field, stacked)
     return np.ascontiguousarray(stacked.reshape(2, F, P).transpose(1, 0, 2))
 
 
@@ -150,8 +138,7 @@ def _truth(file: Path, field: str, stacked: Array, W: Array) -> tuple[Array, Arr
     F, _, P = W.shape
     if stacked.shape != (3 * F, P):
         raise DatasetError(f"{file}: field {field} has shape {stacked.shape}, wanted ({3 * F}, {P})")
-    if not np.isfinite(stacked).all():
-        raise DatasetError(f"{file}: field {field} holds NaN or infinite values; fetch the file again")
+    _check_finite(file, field, stacked)
     layouts = (stacked.reshape(F, 3, P), stacked.reshape(3, F, P).transpose(1, 0, 2))
     fits = [_orthographic(centre(S), centre(W)) for S in layouts]
     structure, cameras, off = min(fits, key=lambda fit: fit[2])
@@ -161,6 +148,11 @@ def _truth(file: Path, field: str, stacked: Array, W: Array) -> tuple[Array, Arr
             f"unexplained by any orthographic camera (at most {FIT:.0%} may be); is it of this sequence?"
         )
     return structure, cameras
+
+
+def _check_finite(file: Path, field: str, value: Array) -> None:
+    if not np.isfinite(value).all():
+        raise DatasetError(f"{file}: field {field} holds NaN or infinite values; fetch the file again")
 
 
 def _orthographic(S: Array, W: Array) -> tuple[Array, Array, float]:

@@ -5,11 +5,13 @@ Tron, Vidal, "A benchmark for the comparison of 3-D motion segmentation algorith
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.errors import FETCH, DatasetError, existing
 from nrsfm.datasets.public.catalogue import HOPKINS, sha256
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.scene import Scene
@@ -39,11 +41,17 @@ def path(folder: Path, scene: str) -> Path:
             "'nrsfm data list hopkins155' names them"
         )
     file = folder / "hopkins155" / f"{scene}_truth.mat"
-    if not file.is_file():
-        raise MissingData(
-            f"{file} is not there; fetch it with 'nrsfm data get hopkins155' or set NRSFM_DATA to its folder"
-        )
-    return file
+    return existing(file, FETCH.replace("data get", "data get hopkins155"))
+
+
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene of the settings of ``conf/dataset/hopkins155.yaml``."""
+    return load_scene(folder, settings["scene"])
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """SHA-256 of the scene's file."""
+    return sha256(path(folder, settings["scene"]))
 
 
 def load_scene(folder: Path, scene: str) -> Scene:

@@ -6,31 +6,39 @@ face, walking, shark: Torresani, Hertzmann, Bregler, PAMI 2008 (the shark is sto
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.datasets.body import Array, Body, centre, no_edges, register
-from nrsfm.datasets.cameras import orbit, project
-from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.body import Array, Body, no_edges, register
+from nrsfm.datasets.errors import DatasetError, existing
+from nrsfm.datasets.generated.motion import VERSION
+from nrsfm.datasets.generated.procedural import stand_in as generated_body
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.matfile import read_mat
-from nrsfm.datasets.scene import Scene, compose, view
+from nrsfm.datasets.scene import Scene, compose, placement_of
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Where a sequence's numbers are and how they are laid out.
+    """File, size and layout of a sequence.
 
-    ``interleaved`` files hold S (3F, P) with rows x, y, z per frame; ``blocks`` hold P3_gt (3F, P) with F rows
-    of x, then of y, then of z. ``registered`` says how the body's own rotation is removed: it ``stored``
-    already, by ``procrustes`` analysis, or in a ``cameras`` file that holds the registered shape. ``camera`` is what
-    the published reconstructions saw it with: the cameras ``Rs`` of the file, or a fixed one by the two axes of its
-    image.
+    Parameters
+    ----------
+    file : str
+    n_frames, n_points : int
+    layout : {"interleaved", "blocks"}
+        Field S (3F, P) with rows x, y, z for each frame; or field P3_gt (3F, P) with F rows of x, then of y, then of z.
+    registered : {"stored", "procrustes", "cameras"}
+        How the body's own rotation is removed: it is removed in the file, by Procrustes analysis, or in a second file
+        that holds the registered shape.
+    camera : str
+        The camera of the published reconstructions: ``Rs``, the field with a camera for each frame, or the two axes of
+        a fixed camera's image.
     """
 
     file: str
@@ -64,20 +72,44 @@ MOTIONS = ("registered", "native")
 
 
 def recording(name: str) -> Recording:
-    """Look a sequence up by name; raises DatasetError that lists the names."""
+    """A sequence by name; raises DatasetError that lists the names."""
     if name not in SEQUENCES:
         raise DatasetError(f"dataset.bodies names {name!r}, which is none of {', '.join(SEQUENCES)}")
     return SEQUENCES[name]
 
 
-def files(name: str, motion: str = "registered") -> list[str]:
-    """The files, relative to the data folder, that :func:`load_body` reads."""
+def file_of(name: str, motion: str = "registered") -> str:
+    """The file, relative to the data folder, that :func:`load_body` reads."""
     source = recording(name)
     registered_apart = motion == "registered" and source.registered == "cameras"
-    return [f"mocap/{SHARK_CAMERAS if registered_apart else source.file}"]
+    return f"mocap/{SHARK_CAMERAS if registered_apart else source.file}"
 
 
-def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene of the settings of ``conf/dataset/mocap_scene.yaml``."""
+    return load_scene(
+        folder,
+        settings["bodies"],
+        motion=settings["motion"],
+        stand_in=settings["stand_in"],
+        n_frames=settings["frames"],
+        **placement_of(settings),
+    )
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """Digests of the bodies of :func:`load`."""
+    motion, generated = settings["motion"], settings["stand_in"]
+    return " ".join(body_digest(folder, name, motion, generated) for name in settings["bodies"])
+
+
+def body_digest(folder: Path, name: str, motion: str, stand_in: bool) -> str:
+    """SHA-256 of a sequence's file; the generator's version if its stand-in takes its place."""
+    path = folder / file_of(name, motion)
+    return VERSION if stand_in and not path.is_file() else sha256(existing(path))
+
+
+def load_body(folder: Path, name: str, motion: str = "registered", stand_in: bool = False) -> Body:
     """Read one sequence.
 
     Parameters
@@ -88,6 +120,8 @@ def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
         One of :data:`SEQUENCES`.
     motion : {"registered", "native"}
         ``registered`` removes the body's own rigid rotation; ``native`` takes the file as it is.
+    stand_in : bool
+        Generate a body of the same size if the file is not there.
 
     Raises
     ------
@@ -99,74 +133,40 @@ def load_body(folder: Path, name: str, motion: str = "registered") -> Body:
     if motion not in MOTIONS:
         raise DatasetError(f"dataset.motion is {motion!r}, wanted one of {', '.join(MOTIONS)}")
     source = recording(name)
-    path = folder / files(name, motion)[0]
-    shape = (source.n_frames, 3, source.n_points)
+    path = folder / file_of(name, motion)
+    F, P = source.n_frames, source.n_points
+    if stand_in and not path.is_file():
+        return generated_body(name, F, P)
     edges = no_edges()
     if path.name == SHARK_CAMERAS:
-        S = _expect(path, "S", read_mat(path, ["S"])["S"], (3, source.n_points, source.n_frames)).transpose(2, 0, 1)
+        S = expect(path, "S", read_mat(path, ["S"]), (3, P, F)).transpose(2, 0, 1)
     elif source.layout == "blocks":
-        stacked = _expect(path, "P3_gt", read_mat(path, ["P3_gt"])["P3_gt"], (3 * source.n_frames, source.n_points))
-        S = stacked.reshape(3, source.n_frames, source.n_points).transpose(1, 0, 2)
+        S = expect(path, "P3_gt", read_mat(path, ["P3_gt"]), (3 * F, P)).reshape(3, F, P).transpose(1, 0, 2)
     else:
-        S = _expect(path, "S", read_mat(path, ["S"])["S"], (3 * source.n_frames, source.n_points)).reshape(shape)
-        if source.registered == "stored":
-            edges = _bones(path, source.n_points)
+        with_bones = source.registered == "stored"
+        fields = read_mat(path, ["S", "list"] if with_bones else ["S"])
+        S = expect(path, "S", fields, (3 * F, P)).reshape(F, 3, P)
+        edges = _bones(path, fields["list"], P) if with_bones else edges
     if motion == "registered" and source.registered == "procrustes":
         S = register(S)
-    return Body(name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, cameras=None, digest=sha256(path))
+    return Body(name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, digest=sha256(path))
 
 
-def load_recording(folder: Path, name: str) -> Body:
-    """Read one sequence as it is stored, with the cameras of its own: the stored ``Rs``, or the fixed camera.
-
-    The body keeps its own motion (``native``). Parameters and exceptions as for :func:`load_body`; a file whose
-    tracks W are not R S raises DatasetError.
-    """
-    body = load_body(folder, name, "native")
-    camera = recording(name).camera
-    if camera != "Rs":
-        rows = np.eye(3)[["xyz".index(axis) for axis in camera]]
-        return replace(body, cameras=np.tile(rows, (body.n_frames, 1, 1)))
-    path = folder / files(name, "native")[0]
-    stored = read_mat(path, ["Rs", "W"])
-    R = _expect(path, "Rs", stored["Rs"], (2 * body.n_frames, 3)).reshape(-1, 2, 3)
-    W = _expect(path, "W", stored["W"], (2 * body.n_frames, body.n_points)).reshape(-1, 2, body.n_points)
-    if not np.allclose(centre(project(R, body.structure)), centre(W), atol=1e-9 * np.abs(W).max()):
-        raise DatasetError(f"{path}: the tracks W are not Rs S; fetch the file with 'nrsfm data get'")
-    return replace(body, cameras=R)
-
-
-def _expect(path: Path, field: str, value: Array, shape: tuple[int, ...]) -> Array:
+def expect(path: Path, name: str, fields: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
+    """A field of a file; raises DatasetError unless it has the shape and all its numbers are finite."""
+    value = fields[name]
     if value.shape != shape:
-        raise DatasetError(f"{path}: field {field} has shape {value.shape}, wanted {shape}; is it the right file?")
+        raise DatasetError(f"{path}: field {name} has shape {value.shape}, wanted {shape}; is it the right file?")
     if not np.isfinite(value).all():
-        raise DatasetError(f"{path}: field {field} holds NaN or infinite values; fetch it with 'nrsfm data get'")
+        raise DatasetError(f"{path}: field {name} holds NaN or infinite values; fetch it with 'nrsfm data get'")
     return value
 
 
-def _bones(path: Path, n_points: int) -> NDArray[np.int64]:
-    """The bones of ``list`` (1-based pairs of points)."""
-    pairs = read_mat(path, ["list"])["list"]
+def _bones(path: Path, pairs: Array, n_points: int) -> NDArray[np.int64]:
+    """Edges (E, 2) of the field ``list``, which counts the points from 1."""
     if pairs.ndim != 2 or pairs.shape[1] != 2 or not ((pairs >= 1) & (pairs <= n_points)).all():
         raise DatasetError(f"{path}: field list is not a list of pairs of the {n_points} points")
     return pairs.astype(np.int64) - 1
-
-
-def load_single(
-    folder: Path, name: str, *, scene: str | None = None, missing: Callable[[str, Recording], Body] | None = None
-) -> Scene:
-    """One sequence alone before its own cameras, as the single-body literature has it.
-
-    ``missing`` makes the body that takes the place of an absent file, as in :func:`load_scene`; a body without
-    cameras is circled at 5 degrees a frame.
-    """
-    try:
-        body = load_recording(folder, name)
-    except MissingData:
-        if missing is None:
-            raise
-        body = missing(name, recording(name))
-    return view(body if body.cameras is not None else replace(body, cameras=orbit(body.n_frames)), scene)
 
 
 def load_scene(
@@ -174,24 +174,25 @@ def load_scene(
     bodies: Sequence[str],
     *,
     motion: str = "registered",
-    missing: Callable[[str, Recording], Body] | None = None,
+    stand_in: bool = False,
     turn_upright: bool | Sequence[str] = False,
     **placement: Any,
 ) -> Scene:
-    """Compose a scene of any of the eight sequences; ``placement`` goes to :func:`nrsfm.datasets.scene.compose`.
+    """Compose a scene of any of the eight sequences.
 
-    ``turn_upright`` may name sequences that are not in the scene, so that one setting serves many scenes.
-    ``missing`` makes the body that takes the place of a sequence whose file is absent; without it an absent
-    file raises MissingData.
+    Parameters
+    ----------
+    folder, motion, stand_in
+        As for :func:`load_body`.
+    bodies : sequence of str
+        Names of sequences.
+    turn_upright : bool or names of sequences
+        As for :func:`nrsfm.datasets.scene.compose`. The names may be of sequences that are not in the scene, so that one
+        setting serves many scenes.
+    placement
+        Further arguments of :func:`nrsfm.datasets.scene.compose`.
     """
-    loaded = []
-    for name in bodies:
-        try:
-            loaded.append(load_body(folder, name, motion))
-        except MissingData:
-            if missing is None:
-                raise
-            loaded.append(missing(name, recording(name)))
+    loaded = [load_body(folder, name, motion, stand_in) for name in bodies]
     if isinstance(turn_upright, list):
         if unknown := [name for name in turn_upright if name not in SEQUENCES]:
             raise DatasetError(f"dataset.upright names {unknown[0]!r}, which is none of {', '.join(SEQUENCES)}")

@@ -10,10 +10,11 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from nrsfm.datasets.body import Body, observed
-from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.public.catalogue import check_name, sha256
+from nrsfm.datasets.errors import DatasetError, check_name, existing
+from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.c3dfile import read_c3d
 from nrsfm.datasets.real.thinning import Thinning
 from nrsfm.datasets.scene import Scene, captured
@@ -36,28 +37,42 @@ HINTS = {
 }
 
 
-def load_take(
-    folder: Path,
-    group: str,
-    take: str,
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene of the settings of ``conf/dataset/c3d.yaml`` or ``umpm.yaml``: see :func:`load_c3d`."""
+    return load_c3d(
+        find(folder, settings["folder"], settings["take"]),
+        name=settings["name"] or settings["take"],
+        persons=settings["persons"],
+        others=settings["others"],
+        vertical=settings["vertical"],
+        thinning=Thinning.of(settings),
+        degrees_per_frame=settings["degrees_per_frame"],
+    )
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """SHA-256 of the take's file."""
+    return sha256(find(folder, settings["folder"], settings["take"]))
+
+
+def load_c3d(
+    path: Path,
     *,
-    name: str | None = None,
+    name: str,
     persons: Sequence[str] | None = None,
     others: str = "none",
     vertical: str = "z",
     thinning: Thinning | None = None,
     degrees_per_frame: float = 5.0,
 ) -> Scene:
-    """The people of a take where they stood, before one orbiting camera.
+    """The people of a C3D file where they stood, before one orbiting camera.
 
     Parameters
     ----------
-    folder : Path
-        The data folder.
-    group, take : str
-        Its folder and the file's name in there, as ``umpm`` and ``p2_free_2``, or ``p2_free_2_vm`` for virtual markers.
-    name : str, optional
-        Scene name; the take's by default.
+    path : Path
+        The file.
+    name : str
+        Scene name.
     persons : sequence of str, optional
         Prefixes of labels; by default all that :func:`bodies` takes for people.
     others : {"none", "objects", "all"}
@@ -75,41 +90,19 @@ def load_take(
     DatasetError
         If it cannot be read, holds no such people, or a setting does not fit it.
     """
-    return load_c3d(
-        find(folder, group, take),
-        name=name or take,
-        persons=persons,
-        others=others,
-        vertical=vertical,
-        thinning=thinning,
-        degrees_per_frame=degrees_per_frame,
-    )
-
-
-def load_c3d(
-    path: Path,
-    *,
-    name: str,
-    persons: Sequence[str] | None = None,
-    others: str = "none",
-    vertical: str = "z",
-    thinning: Thinning | None = None,
-    degrees_per_frame: float = 5.0,
-) -> Scene:
-    """:func:`load_take` of a file wherever it is."""
-    held, thin = read_c3d(path), thinning or Thinning()
-    if held.unit not in METRES:
-        raise DatasetError(f"{path}: its unit of length is {held.unit!a}, wanted mm, cm or m")
-    groups = bodies(path, held.labels, persons, others)
-    points = METRES[held.unit] * held.points[thin.frames(len(held.points), held.rate)]
-    found = []
-    for body, markers in groups.items():
-        S = points[:, :, markers]
+    markers, thin = read_c3d(path), thinning or Thinning()
+    if markers.unit not in METRES:
+        raise DatasetError(f"{path}: its unit of length is {markers.unit!a}, wanted mm, cm or m")
+    groups = bodies(path, markers.labels, persons, others)
+    points = METRES[markers.unit] * markers.points[thin.frames(len(markers.points), markers.rate)]
+    parts = []
+    for body, columns in groups.items():
+        S = points[:, :, columns]
         S = S[:, :, thin.seen(observed(S))]
         if S.shape[2] == 0:
             raise DatasetError(f"{path}: no marker of {body!a} is seen often enough; see dataset.least_seen")
-        found.append(Body(body, S, vertical=vertical, digest=sha256(path), gaps=True))
-    return captured(found, name=name, degrees_per_frame=degrees_per_frame)
+        parts.append(Body(body, S, vertical=vertical, digest=sha256(path), gaps=True))
+    return captured(parts, name=name, degrees_per_frame=degrees_per_frame)
 
 
 def find(folder: Path, group: str, take: str) -> Path:
@@ -117,13 +110,13 @@ def find(folder: Path, group: str, take: str) -> Path:
 
     Raises MissingData, which says how to get it, if it is not there; DatasetError if it would be elsewhere.
     """
-    check_name("take", take)
-    check_name("folder", group)
-    for place in (folder / group, folder / group / "Groundtruth"):
-        if (place / f"{take}.c3d").is_file():
-            return place / f"{take}.c3d"
+    check_name("dataset.take", take)
+    check_name("dataset.folder", group)
+    unpacked = folder / group / "Groundtruth" / f"{take}.c3d"
+    if unpacked.is_file():
+        return unpacked
     hint = HINTS.get(group, "set NRSFM_DATA to the folder that holds {group}/").format(group=group, take=take)
-    raise MissingData(f"{folder / group / take}.c3d is not there; {hint}")
+    return existing(folder / group / f"{take}.c3d", hint)
 
 
 def bodies(
@@ -143,7 +136,7 @@ def bodies(
     persons : sequence of str, optional
         Sets that are people.
     others : {"none", "objects", "all"}
-        As in :func:`load_take`.
+        As in :func:`load_c3d`.
 
     Raises
     ------
@@ -166,19 +159,19 @@ def bodies(
             raise DatasetError(f"{path}: {times} markers have the label {label!a}; name them apart")
     if isinstance(persons, str):
         raise DatasetError(f"dataset.persons is {persons!r}, wanted a list such as [{persons}]")
-    people = list(persons) if persons is not None else [body for body, held in sets.items() if len(held) >= PERSON]
+    people = list(persons) if persons is not None else [body for body, mine in sets.items() if len(mine) >= PERSON]
     unknown = [body for body in people if body not in sets]
     if unknown or not people:
-        said = f"dataset.persons names {unknown[0]!a}" if unknown else f"no {PERSON} markers are one person's"
-        raise DatasetError(f"{path}: {said}; its sets of markers are {', '.join(map(ascii, sets)) or 'none'}")
-    found = {body: sets.pop(body) for body in people}
+        fault = f"dataset.persons names {unknown[0]!a}" if unknown else f"no {PERSON} markers are one person's"
+        raise DatasetError(f"{path}: {fault}; its sets of markers are {', '.join(map(ascii, sets)) or 'none'}")
+    groups = {body: sets.pop(body) for body in people}
     if others != "none":
-        found |= sets
+        groups |= sets
         for k in bare:  # ball1 and ball2 are one ball
-            found.setdefault(re.sub(r"[\W_]*\d*$", "", labels[k]) or labels[k], []).append(k)
+            groups.setdefault(re.sub(r"[\W_]*\d*$", "", labels[k]) or labels[k], []).append(k)
     if others == "all" and unlabelled:
-        found[UNLABELLED] = unlabelled
-    return found
+        groups[UNLABELLED] = unlabelled
+    return groups
 
 
 def _in_order(markers: list[int]) -> dict[str, list[int]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 
 
 @dataclass(frozen=True)
@@ -36,22 +37,31 @@ class Thinning:
     least_seen: float = 0.5
 
     def __post_init__(self) -> None:
-        for name, value, low in (("video_rate", self.video_rate, 0), ("least_seen", self.least_seen, 0)):
-            number = isinstance(value, int | float) and not isinstance(value, bool) and low <= value < np.inf
-            if value is not None and not number:
-                raise DatasetError(f"dataset.{name} is {value!r}, wanted a number >= {low}")
-        for name, count, least in (("stride", self.stride, 1), ("frames", self.most, 2)):
-            whole = isinstance(count, int) and not isinstance(count, bool) and count >= least
-            if count is not None and not whole:
-                raise DatasetError(f"dataset.{name} is {count!r}, wanted a whole number of at least {least}")
+        for name, value in (("video_rate", self.video_rate), ("least_seen", self.least_seen)):
+            if value is not None and not (is_number(value) and value >= 0):
+                raise DatasetError(f"dataset.{name} is {value!r}, wanted a number >= 0")
+        if self.stride is not None:
+            check_whole("dataset.stride", self.stride, 1)
+        check_whole("dataset.frames", self.most, 2)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Thinning:
+        """The thinning of a dataset's settings: ``range``, ``stride`` and ``frames``, and the others if they are there."""
+        return cls(
+            video_rate=settings.get("video_rate"),
+            span=settings["range"],
+            stride=settings["stride"],
+            most=settings["frames"],
+            least_seen=settings.get("least_seen", 0.0),
+        )
 
     def seen(self, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The markers that are kept, (P,), of which (F, P) says when each was seen."""
+        """Which markers are kept, (P,), given when each is visible, (F, P)."""
         share = visible.mean(axis=0)
-        return (share > 0) & (share >= self.least_seen)
+        return np.asarray((share > 0) & (share >= self.least_seen))
 
     def frames(self, n_frames: int, rate: float) -> slice:
-        """The kept ones of so many frames at a rate, at least two.
+        """The frames that are kept of ``n_frames`` at ``rate`` frames a second, at least two.
 
         Raises
         ------
@@ -74,11 +84,8 @@ class Thinning:
 
 
 def _span(span: Sequence[int], available: int) -> tuple[int, int]:
-    whole = (
-        isinstance(span, list | tuple)
-        and len(span) == 2
-        and all(isinstance(k, int) and not isinstance(k, bool) for k in span)
-    )
+    """First and last frame of a span; DatasetError unless it lies within the available frames."""
+    whole = isinstance(span, list | tuple) and [type(k) for k in span] == [int, int]
     if not whole or not 0 <= span[0] < span[1] - 1 < available:
         raise DatasetError(f"dataset.range is {span!r}, wanted [first, last] within 0..{available}")
     return span[0], span[1]

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, centre, observed
 from nrsfm.datasets.cameras import project
-from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.csvfile import read_csv
 from nrsfm.datasets.readers.limits import HUGE
-from nrsfm.datasets.readers.trackfields import Parts, read_fields
+from nrsfm.datasets.readers.trackfields import TrackFile, read_fields
 from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.scene import Scene
 
-READERS: dict[str, Callable[[Path], Parts]] = {".npz": read_fields, ".mat": read_fields, ".csv": read_csv}
+READERS: dict[str, Callable[[Path], TrackFile]] = {".npz": read_fields, ".mat": read_fields, ".csv": read_csv}
 
 
 SUFFIXES = (*READERS, ".c3d")
@@ -39,6 +40,17 @@ ROUNDS = 100
 
 
 C3D = "markers in 3D, at most 400 frames of them, before an orthographic camera that circles at 5 degrees a frame"
+
+
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene of the settings of ``conf/dataset/tracks.yaml``: see :func:`load_tracks`."""
+    return load_tracks(find(settings["file"], folder), settings["name"])
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """SHA-256 of the file."""
+    path = find(settings["file"], folder)
+    return sha256(existing(path, "dataset.file names a file from the current folder or the data folder"))
 
 
 def load_tracks(path: Path, name: str | None = None) -> Scene:
@@ -65,8 +77,7 @@ def load_tracks(path: Path, name: str | None = None) -> Scene:
     DatasetError
         If it is of no such kind, cannot be read, or its fields do not fit each other. One line, with the remedy.
     """
-    if not path.is_file():
-        raise MissingData(f"{path} is not there; name a file of tracks ({', '.join(SUFFIXES)})")
+    existing(path, f"name a file of tracks ({', '.join(SUFFIXES)})")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DatasetError(f"{path} is of no known kind; wanted {', '.join(SUFFIXES)}")
@@ -90,7 +101,7 @@ def find(file: object, folder: Path) -> Path:
     return path if path.is_file() or path.is_absolute() else folder / path
 
 
-def _scene(path: Path, parts: Parts, name: str) -> Scene:
+def _scene(path: Path, parts: TrackFile, name: str) -> Scene:
     W, notes = parts.tracks, []
     seen = observed(W)
     _check_numbers(path, parts)
@@ -129,7 +140,7 @@ def _scene(path: Path, parts: Parts, name: str) -> Scene:
     )
 
 
-def _check_numbers(path: Path, parts: Parts) -> None:
+def _check_numbers(path: Path, parts: TrackFile) -> None:
     """Raise DatasetError on infinite numbers, positions of which one coordinate is NaN, and truth that lacks."""
 
     def first(bad: NDArray[np.bool_]) -> str:

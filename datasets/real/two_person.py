@@ -7,6 +7,7 @@ dance.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Body
-from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.public.catalogue import check_name, sha256
+from nrsfm.datasets.errors import DatasetError, check_name, existing
+from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.limits import HUGE
 from nrsfm.datasets.readers.npzfile import read_npz
 from nrsfm.datasets.real.thinning import Thinning
@@ -35,35 +36,19 @@ HINT = (
 
 def path(folder: Path, take: str) -> Path:
     """The file of a take, ``two_person/TAKE.npz``; raises MissingData if it is not there."""
-    check_name("take", take)
-    file = folder / "two_person" / f"{take}.npz"
-    if not file.is_file():
-        raise MissingData(f"{file} is not there; {HINT}")
-    return file
+    check_name("dataset.take", take)
+    return existing(folder / "two_person" / f"{take}.npz", HINT)
 
 
-def load_scene(
-    folder: Path,
-    take: str,
-    *,
-    name: str | None = None,
-    thinning: Thinning | None = None,
-    degrees_per_frame: float = 5.0,
-) -> Scene:
-    """The people of a take where they danced, body joints alone, before one orbiting camera.
+def load(settings: Mapping[str, Any], folder: Path) -> Scene:
+    """The two people of a take where they danced, without fingers, before one orbiting camera.
 
     Parameters
     ----------
+    settings : mapping
+        Those of ``conf/dataset/two_person.yaml``. Frames are counted after the first three.
     folder : Path
         The data folder, which holds ``two_person/``.
-    take : str
-        E.g. ``salsa_01``.
-    name : str, optional
-        Scene name; the take's by default.
-    thinning : Thinning, optional
-        Its frames are counted after the first three.
-    degrees_per_frame : float
-        The camera's step.
 
     Raises
     ------
@@ -72,10 +57,10 @@ def load_scene(
     DatasetError
         If it cannot be read or its arrays do not fit each other.
     """
-    file = path(folder, take)
-    held = read_npz(file)
-    people = {key: value for key, value in held.items() if value.ndim == 3}
-    names, parents, dt = _fields(file, held, people)
+    file = path(folder, settings["take"])
+    arrays = read_npz(file)
+    people = {key: value for key, value in arrays.items() if value.ndim == 3}
+    names, parents, dt = _fields(file, arrays, people)
     body = np.array([not any(finger in str(joint) for finger in FINGERS) for joint in names])
     place = np.cumsum(body) - 1  # of a joint among those kept
     bones = np.array([[place[p], place[k]] for k, p in enumerate(parents) if p >= 0 and body[k] and body[p]])
@@ -83,23 +68,28 @@ def load_scene(
     n_frames = next(iter(shapes))[0] - FIRST
     if len(shapes) > 1 or n_frames < 2:
         raise DatasetError(f"{file}: its people have shapes {sorted(shapes)}, wanted one shape (F, J, 3)")
-    kept = (thinning or Thinning()).frames(n_frames, 1 / dt)
-    found = []
+    kept = Thinning.of(settings).frames(n_frames, 1 / dt)
+    bodies = []
     for person, X in people.items():
         S = np.ascontiguousarray(X[FIRST:][kept][:, body].transpose(0, 2, 1), dtype=float)
-        found.append(Body(person, S, edges=bones.reshape(-1, 2), vertical="y", digest=sha256(file)))
-    return captured(found, name=name or take, degrees_per_frame=degrees_per_frame)
+        bodies.append(Body(person, S, edges=bones.reshape(-1, 2), vertical="y", digest=sha256(file)))
+    return captured(bodies, name=settings["name"] or settings["take"], degrees_per_frame=settings["degrees_per_frame"])
+
+
+def digest(settings: Mapping[str, Any], folder: Path) -> str:
+    """SHA-256 of the take's file."""
+    return sha256(path(folder, settings["take"]))
 
 
 def _fields(
-    file: Path, held: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
+    file: Path, arrays: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
     """Names, parents and the time step, once they fit the people's joints."""
     for key in ("names", "parents", "dt"):
-        if key not in held:
-            known = ", ".join(ascii(name[:40]) for name in list(held)[:20])
+        if key not in arrays:
+            known = ", ".join(ascii(name[:40]) for name in list(arrays)[:20])
             raise DatasetError(f"{file}: field {key} is missing (the file holds {known})")
-    names, parents, dt = held["names"], held["parents"], held["dt"]
+    names, parents, dt = arrays["names"], arrays["parents"], arrays["dt"]
     joints = names.shape[0] if names.ndim == 1 else 0
     wrong = [key for key, X in people.items() if X.shape[1:] != (joints, 3) or X.dtype.kind != "f"]
     if wrong or not people:

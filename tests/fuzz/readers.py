@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers import c3dfile
-from nrsfm.datasets.readers.apart import Damaged
 from nrsfm.datasets.readers.c3dfile import read_c3d
+from nrsfm.datasets.readers.guarded import Damaged
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.readers.npzfile import read_npz
-from nrsfm.datasets.real import hopkins, two_person
-from nrsfm.datasets.real.take import load_take
+from nrsfm.datasets.real import hopkins
+from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.real.tracks import load_tracks
+from nrsfm.datasets.registry import load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.gate.baseline import Baseline
@@ -234,20 +235,24 @@ def _csvs() -> list[bytes]:
 
 
 SCENE = hopkins.SCENES[0]
+TWO_PERSON = {"source": "two_person", "name": "a", "take": "a", "range": None, "stride": None, "frames": 400}
+TWO_PERSON |= {"degrees_per_frame": 5.0}
 
 READERS: dict[str, Reader] = {
     "npz": Reader("a.npz", _seeded(files.people), _npz),
     "npy": Reader("a.npz", _npys, _npz, (_member, _deflated_member)),
-    "mat": Reader("a.mat", _mat5s, _mat),
+    "mat": Reader("a.mat", _mat5s, _mat, apart=True),
     "mat5_compressed": Reader(
-        "a.mat", lambda: [files.matrix_of("S", files.numbers()["S"])], lambda f: _mat(f, ["S"]), (_packed5,)
+        "a.mat", lambda: [files.matrix_of("S", files.numbers()["S"])], lambda f: _mat(f, ["S"]), (_packed5,), apart=True
     ),
     "mat73": Reader("a.mat", _mat73s, _mat, apart=True),
     "c3d_head": Reader("a.c3d", lambda: [files.c3d()], _c3d_head),
     "c3d": Reader("a.c3d", lambda: [files.c3d()], _c3d, apart=True),
-    "take": Reader("umpm/a.c3d", lambda: [files.c3d()], lambda f: _is_scene(load_take(f, "umpm", "a")), apart=True),
-    "two_person": Reader("two_person/a.npz", _seeded(files.people), lambda f: _is_scene(two_person.load_scene(f, "a"))),
-    "hopkins": Reader(f"hopkins155/{SCENE}_truth.mat", _hopkins, lambda f: _is_scene(hopkins.load_scene(f, SCENE))),
+    "take": Reader("a.c3d", lambda: [files.c3d()], lambda f: _is_scene(load_c3d(f / "a.c3d", name="a")), apart=True),
+    "two_person": Reader("two_person/a.npz", _seeded(files.people), lambda f: _is_scene(load_scene(TWO_PERSON, f))),
+    "hopkins": Reader(
+        f"hopkins155/{SCENE}_truth.mat", _hopkins, lambda f: _is_scene(hopkins.load_scene(f, SCENE)), apart=True
+    ),
     "baseline": Reader("a.json", lambda: [_baseline()], lambda f: Baseline.read(f / "a.json")),
     "record": Reader("0123456789abcdef/result.json", lambda: [files.record()], _record),
     "arrays": Reader("arrays.npz", _seeded(files.trial_arrays), _arrays),
@@ -262,7 +267,7 @@ READERS: dict[str, Reader] = {
         _running,
     ),
     "tracks_npz": Reader("a.npz", _seeded(_own_arrays), _own(".npz")),
-    "tracks_mat": Reader("a.mat", _own_mats, _own(".mat")),
+    "tracks_mat": Reader("a.mat", _own_mats, _own(".mat"), apart=True),
     "tracks_csv": Reader("a.csv", _csvs, _own(".csv")),
     "tracks_c3d": Reader("a.c3d", lambda: [files.c3d()], _own(".c3d"), apart=True),
     "override": Reader(

@@ -286,7 +286,6 @@ def test_stand_in(name: str, kind: str) -> None:
     body = stand_in(name, 264, 75)
     assert body.name == name and body.stand_in and body.structure.shape == (264, 3, 75)
     assert f":{kind}:" in body.digest
-    np.testing.assert_array_equal(body.structure, stand_in(name, 264, 75, kind).structure)
 
 
 def test_stand_ins_differ_by_name() -> None:

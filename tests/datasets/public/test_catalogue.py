@@ -121,7 +121,7 @@ def test_catalogue_is_whole_and_pinned() -> None:
 
 
 def test_catalogue_holds_all_files_of_the_sequences() -> None:
-    read = {file for name in mocap.SEQUENCES for motion in mocap.MOTIONS for file in mocap.files(name, motion)}
+    read = {mocap.file_of(name, motion) for name in mocap.SEQUENCES for motion in mocap.MOTIONS}
     assert read == {path for path, file in sources.CATALOGUE.items() if file.group == "mocap"}
 
 

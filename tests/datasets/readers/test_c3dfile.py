@@ -12,7 +12,7 @@ import pytest
 
 from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.readers import apart, c3dfile
+from nrsfm.datasets.readers import c3dfile, guarded
 from nrsfm.datasets.readers.c3dfile import read_c3d
 
 F, M = 6, 4
@@ -119,14 +119,14 @@ def test_parameters_that_contradict_the_header(whole: Path, name: str, value: in
 
 def test_a_huge_header_takes_no_memory(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """65535 frames of 65535 points are refused before the reader is started."""
-    monkeypatch.setattr(c3dfile, "read_apart", lambda *_: pytest.fail("the reader was started"))
+    monkeypatch.setattr(c3dfile, "read_guarded", lambda *_: pytest.fail("the reader was started"))
     patched(patched(whole, 2, "H", 65535), 6, "2H", 1, 65535)
     assert "positions, more than" in complaint(whole)
 
 
 def test_a_reader_that_crashes_or_hangs_is_a_damaged_file(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     child = whole.with_name("child.py")
-    monkeypatch.setattr(apart.child, "__file__", str(child))
+    monkeypatch.setattr(guarded.guarded_child, "__file__", str(child))
     for code, said in (
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended with signal 11"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGXCPU)", "took too long"),

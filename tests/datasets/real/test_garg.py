@@ -66,7 +66,7 @@ def test_a_synthetic_face_is_read_whole(
     S, R, W = dense
     truth = S.transpose(1, 0, 2) if blocks else S
     write(tmp_path / "garg" / "face1.mat", version, W=stacked(W), S=truth.reshape(-1, S.shape[2]))
-    scene = garg.load_scene(tmp_path, "face1")
+    scene = registry.load_scene(SETTINGS | {"points": None}, tmp_path)
     assert scene.tracks.shape == (10, 2, 28_880) and scene.name == "face1" and scene.n_bodies == 1
     assert scene.structure is not None and scene.cameras is not None and not scene.stand_in
     np.testing.assert_allclose(scene.cameras, R, atol=1e-9)
@@ -84,11 +84,12 @@ def test_a_real_sequence_has_tracks_alone(tmp_path: Path, version: str) -> None:
     first = np.stack([columns.ravel(), rows.ravel()]).astype(float)
     tracks = np.stack([first, first + 0.3, first * 1.01])
     write(tmp_path / "garg" / "heart.mat", version, W=stacked(tracks))
-    scene = garg.load_scene(tmp_path, "heart")
+    settings = SETTINGS | {"sequence": "heart", "name": "heart", "points": None}
+    scene = registry.load_scene(settings, tmp_path)
     np.testing.assert_allclose(scene.tracks, centre(tracks), atol=1e-12)
     assert scene.structure is None and scene.cameras is None
     assert len(scene.edges) == 6 * 6 + 5 * 7, "the pixel grid of the first image"
-    assert len(garg.load_scene(tmp_path, "heart", points=20).edges) > 20, "few points: the nearest ones"
+    assert len(registry.load_scene(settings | {"points": 20}, tmp_path).edges) > 20, "few points: the nearest ones"
 
 
 def test_an_absent_sequence_is_not_filled(tmp_path: Path) -> None:
@@ -129,7 +130,7 @@ def test_wrong_fields_are_named(tmp_path: Path, dense: tuple[Array, Array, Array
     ):
         write(file, "5", **fields)
         with pytest.raises(DatasetError, match=says):
-            garg.load_scene(tmp_path, "face2")
+            registry.load_scene(SETTINGS | {"sequence": "face2"}, tmp_path)
 
 
 # MATLAB 7.3 from strangers

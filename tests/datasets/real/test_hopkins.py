@@ -114,7 +114,7 @@ def test_missing_field(tmp_path: Path, field: str) -> None:
     assert f"field {field} is missing" in complaint(tmp_path)
 
 
-def test_damaged_file(tmp_path: Path) -> None:
+def test_damaged_file(tmp_path: Path, guarded: None) -> None:
     file = write(tmp_path)
     whole = file.read_bytes()
     for kept in (0, 100, 140, len(whole) // 2):

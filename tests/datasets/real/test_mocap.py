@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +13,17 @@ import scipy.io
 from nrsfm.datasets.body import Array, Body, centre, register, spread
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.errors import DatasetError, MissingData
+from nrsfm.datasets.generated.procedural import stand_in as generated
 from nrsfm.datasets.real.mocap import (
     MOTIONS,
     SEQUENCES,
     SHARK_CAMERAS,
-    Recording,
-    files,
+    file_of,
     load_body,
-    load_recording,
     load_scene,
-    load_single,
     recording,
 )
+from nrsfm.datasets.real.mocap_body import load_recording, load_single
 from nrsfm.datasets.registry import digest
 from nrsfm.datasets.registry import load_scene as load_by_settings
 from nrsfm.datasets.scene import view
@@ -52,7 +49,7 @@ def blocks(S: Array) -> Array:
 
 
 def fields(name: str, motion: str, S: Array) -> dict[str, Any]:
-    if files(name, motion) == [f"mocap/{SHARK_CAMERAS}"]:
+    if file_of(name, motion) == f"mocap/{SHARK_CAMERAS}":
         return {"S": np.stack(list(S), axis=2), "R": np.zeros((3, 3, len(S)))}
     if SEQUENCES[name].layout == "blocks":
         return {"P3_gt": blocks(S)}
@@ -61,7 +58,7 @@ def fields(name: str, motion: str, S: Array) -> dict[str, Any]:
 
 def write(folder: Path, name: str, motion: str = "registered", **changes: Any) -> Path:
     """The sequence's file with random points of the right size; a change to None leaves a field out."""
-    path = folder / files(name, motion)[0]
+    path = folder / file_of(name, motion)
     path.parent.mkdir(exist_ok=True)
     held = {**fields(name, motion, random_structure(name)), **changes}
     scipy.io.savemat(path, {key: value for key, value in held.items() if value is not None})
@@ -72,7 +69,7 @@ def complaint(folder: Path, name: str, motion: str = "registered") -> str:
     with pytest.raises(DatasetError) as caught:
         load_body(folder, name, motion)
     text = str(caught.value)
-    assert "\n" not in text and str(folder / files(name, motion)[0]) in text
+    assert "\n" not in text and str(folder / file_of(name, motion)) in text
     return text
 
 
@@ -94,18 +91,18 @@ def test_layout(tmp_path: Path, name: str, motion: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["face", "walking", "shark"])
-def test_files_of_matlab_4(tmp_path: Path, name: str) -> None:
+def test_files_of_matlab_4(tmp_path: Path, name: str, guarded: None) -> None:
     """What the three oldest sequences are in."""
     path = write(tmp_path, name, "native")
     scipy.io.savemat(path, fields(name, "native", random_structure(name)), format="4")
     np.testing.assert_array_equal(load_body(tmp_path, name, "native").structure, random_structure(name))
     whole = path.read_bytes()
-    for kept in (1, 10, 19, 22, 30, 1000, len(whole) - 8, len(whole) - 1):
+    for kept in (1, 22, 1000, len(whole) - 1):
         path.write_bytes(whole[:kept])
         complaint(tmp_path, name, "native")
 
 
-def test_compressed_files(tmp_path: Path) -> None:
+def test_compressed_files(tmp_path: Path, guarded: None) -> None:
     path = write(tmp_path, "yoga")
     scipy.io.savemat(path, fields("yoga", "registered", random_structure("yoga")), do_compression=True)
     np.testing.assert_array_equal(load_body(tmp_path, "yoga").structure, random_structure("yoga"))
@@ -199,59 +196,45 @@ def test_missing_file(tmp_path: Path) -> None:
 
 def test_a_missing_sequence_can_be_stood_in_for(tmp_path: Path) -> None:
     write(tmp_path, "yoga")
-    made: list[str] = []
-
-    def missing(name: str, source: Any) -> Body:
-        made.append(name)
-        S = np.random.default_rng(0).standard_normal((source.n_frames, 3, source.n_points))
-        return Body(name, S, stand_in=True)
-
-    scene = load_scene(tmp_path, ["yoga", "dance"], missing=missing)
-    assert made == ["dance"] and scene.stand_in and scene.bodies == ("yoga", "dance")
-    assert not load_scene(tmp_path, ["yoga", "yoga"], missing=missing).stand_in
+    scene = load_scene(tmp_path, ["yoga", "dance"], stand_in=True)
+    assert scene.stand_in and scene.bodies == ("yoga", "dance")
+    assert scene.digest.split() == [load_body(tmp_path, "yoga").digest, generated("dance", 264, 75).digest]
+    assert not load_scene(tmp_path, ["yoga", "yoga"], stand_in=True).stand_in
 
 
-def test_a_broken_file_is_never_stood_in_for(tmp_path: Path) -> None:
+def test_a_broken_file_is_never_stood_in_for(tmp_path: Path, guarded: None) -> None:
     write(tmp_path, "yoga").write_bytes(b"broken")
     with pytest.raises(DatasetError) as caught:
-        load_scene(tmp_path, ["yoga"], missing=lambda name, source: Body(name, random_structure(name)))
+        load_scene(tmp_path, ["yoga"], stand_in=True)
     assert not isinstance(caught.value, MissingData)
 
 
-@pytest.mark.parametrize("kept", [0, 10, 127, 128, 140, 200, 100_000])
-@pytest.mark.parametrize("name", ["yoga", "walking", "shark"])
-def test_truncated_file(tmp_path: Path, name: str, kept: int) -> None:
+@pytest.mark.parametrize("kept", [0, 127, 128, 140, 200, 100_000])
+@pytest.mark.parametrize("name", ["yoga"])
+def test_truncated_file(tmp_path: Path, name: str, kept: int, guarded: None) -> None:
     path = write(tmp_path, name)
     path.write_bytes(path.read_bytes()[:kept])
     complaint(tmp_path, name)
 
 
 @pytest.mark.parametrize("content", [b"hello\n" * 100, b"\x89HDF\r\n\x1a\n" + bytes(600), MATLAB_7_3])
-def test_file_of_another_kind(tmp_path: Path, content: bytes) -> None:
+def test_file_of_another_kind(tmp_path: Path, content: bytes, guarded: None) -> None:
     write(tmp_path, "face").write_bytes(content)
     complaint(tmp_path, "face")
 
 
-def test_bits_turned_over(tmp_path: Path) -> None:
-    """Whatever single damage is done to the file's head: a body or one clear line, and never the end of the process."""
+@pytest.mark.parametrize("place", range(124, 224, 9))
+def test_bits_turned_over(tmp_path: Path, place: int, guarded: None) -> None:
+    """Whatever is done to a byte of the file's head: a body or one clear line, and never the end of the process."""
     path = write(tmp_path, "yoga")
-    code = """if True:
-        import sys
-        from pathlib import Path
-        from nrsfm.datasets.errors import DatasetError
-        from nrsfm.datasets.real.mocap import load_body
-        path = Path(sys.argv[1])
-        whole = path.read_bytes()
-        for place in range(124, 224):
-            print(place, flush=True)
-            path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
-            try:
-                load_body(path.parent.parent, "yoga")
-            except DatasetError as error:
-                assert "\\n" not in str(error) and str(path) in str(error), error
-    """
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, f"byte {done.stdout.split()[-1]}: exit {done.returncode} {done.stderr[-500:]}"
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0xFF
+    path.write_bytes(content)
+    try:
+        load_body(tmp_path, "yoga")
+    except DatasetError as error:
+        assert "\n" not in str(error)
+        assert str(path) in str(error)
 
 
 def test_missing_field(tmp_path: Path) -> None:
@@ -284,12 +267,12 @@ def test_values_that_are_not_finite(tmp_path: Path, name: str, bad: float) -> No
 
 
 @pytest.mark.parametrize("kind", NOT_NUMBERS)
-def test_a_field_without_numbers(tmp_path: Path, kind: str) -> None:
+def test_a_field_without_numbers(tmp_path: Path, kind: str, guarded: None) -> None:
     write(tmp_path, "dance", S=NOT_NUMBERS[kind])
     assert "wanted numbers" in complaint(tmp_path, "dance")
 
 
-def test_a_claimed_huge_size(tmp_path: Path) -> None:
+def test_a_claimed_huge_size(tmp_path: Path, guarded: None) -> None:
     """The array's header promises 2^30 x 41 numbers; nobody reserves memory for it."""
     path = write(tmp_path, "yoga", list=None)
     content = bytearray(path.read_bytes())
@@ -374,7 +357,7 @@ def test_single_body_is_what_its_own_cameras_see(data_folder: Path, name: str) -
         stored = scipy.io.loadmat(data_folder / f"mocap/{name}.mat")["W"].reshape(scene.tracks.shape)
         np.testing.assert_allclose(scene.tracks, centre(stored), atol=1e-12)
     else:
-        stacked = scipy.io.loadmat(data_folder / f"mocap/{files(name, 'native')[0].split('/')[1]}")["P3_gt"]
+        stacked = scipy.io.loadmat(data_folder / f"mocap/{file_of(name, 'native').split('/')[1]}")["P3_gt"]
         X, Y, _ = np.split(stacked, 3)
         np.testing.assert_allclose(scene.tracks, centre(np.stack([X, Y], axis=1)), atol=1e-9)
     assert (np.ptp(scene.cameras, axis=0) == 0).all() == (name not in AKHTER)
@@ -425,17 +408,13 @@ def test_bones_join_points_that_keep_their_distance(data_folder: Path, name: str
 
 def test_sequences_that_are_turned_upright_are_known_ones(tmp_path: Path) -> None:
     """One list serves scenes with and without the body; a name that no sequence has is an error."""
-    made = {"turn_upright": ["walking", "face"], "missing": _lying}
-    upright, stored = (
-        load_scene(tmp_path, ["yoga", "walking"], **{**made, **more}) for more in ({}, {"turn_upright": False})
+    for name in ("yoga", "walking"):
+        write(tmp_path, name)
+    upright, same, stored = (
+        load_scene(tmp_path, ["yoga", "walking"], turn_upright=turned)
+        for turned in (["walking", "face"], ["walking"], False)
     )
-    same = load_scene(tmp_path, ["yoga", "walking"], missing=_lying, turn_upright=["walking"])
     np.testing.assert_array_equal(upright.tracks, same.tracks)
     assert np.abs(upright.tracks - stored.tracks).max() > 0.1
     with pytest.raises(DatasetError, match=r"dataset\.upright names 'walker'"):
-        load_scene(tmp_path, ["yoga", "walking"], missing=_lying, turn_upright=["walker"])
-
-
-def _lying(name: str, source: Recording) -> Body:
-    S = np.random.default_rng(0).standard_normal((20, 3, 10)) * np.array([1, 2, 0.5])[:, None]
-    return Body(name, S, vertical=source.vertical)
+        load_scene(tmp_path, ["yoga", "walking"], turn_upright=["walker"])

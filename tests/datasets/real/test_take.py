@@ -13,8 +13,9 @@ from nrsfm.datasets.body import Array, centre, spread
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
-from nrsfm.datasets.real.take import PERSON, bodies, load_take
+from nrsfm.datasets.real.take import PERSON, bodies
 from nrsfm.datasets.real.thinning import Thinning
+from nrsfm.datasets.scene import Scene
 from tests.datasets.conftest import MARKERS
 
 F = 40
@@ -24,6 +25,10 @@ LABELS = [*PEOPLE[:37], *OTHERS[:3], *PEOPLE[37:], *OTHERS[3:]]  # as they were 
 SETTINGS = {"source": "take", "folder": "umpm", "take": "p2_free_2", "name": "p2_free_2", "persons": None}
 SETTINGS |= {"others": "none", "vertical": "z", "video_rate": 50.0, "range": None, "stride": None, "frames": 400}
 SETTINGS |= {"least_seen": 0.5, "degrees_per_frame": 5.0}
+
+
+def load_take(folder: Path, group: str, take: str, **changes: Any) -> Scene:
+    return registry.load_scene({**SETTINGS, "folder": group, "take": take, "name": None, **changes}, folder)
 
 
 def points(n_markers: int = len(LABELS)) -> Array:
@@ -226,6 +231,6 @@ def test_thinning_that_does_not_fit(settings: dict[str, Any], said: str) -> None
 
 @pytest.mark.data
 def test_real_take(data_folder: Path) -> None:
-    scene = load_take(data_folder, "c3d", "cmu_02_01", thinning=Thinning(video_rate=60.0))
+    scene = load_take(data_folder, "c3d", "cmu_02_01", video_rate=60.0)
     assert (scene.n_frames, scene.n_points, scene.bodies) == (172, 41, ("TakeoMonday",))
     assert scene.structure is not None and spread(scene.structure) == pytest.approx(1)

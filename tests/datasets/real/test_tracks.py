@@ -318,7 +318,7 @@ def test_all_cases_are_tried(scene: Scene) -> None:
     assert len(broken(scene)) == 22
 
 
-def test_files_of_no_kind(tmp_path: Path) -> None:
+def test_files_of_no_kind(tmp_path: Path, guarded: None) -> None:
     with pytest.raises(MissingData, match=r"none\.npz is not there; name a file of tracks"):
         load_tracks(tmp_path / "none.npz")
     (tmp_path / "a.txt").write_text("x")

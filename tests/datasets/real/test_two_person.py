@@ -15,8 +15,7 @@ from nrsfm.datasets.body import Array, centre, spread, upright
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
 from nrsfm.datasets.readers.npzfile import read_npz
-from nrsfm.datasets.real.thinning import Thinning
-from nrsfm.datasets.real.two_person import FIRST, load_scene
+from nrsfm.datasets.real.two_person import FIRST
 
 F, J = 20, 6
 NAMES = ["hip", "chest", "rHand", "rThumb1", "rIndex1", "head"]
@@ -50,7 +49,7 @@ def test_layout(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.labels, np.repeat([0, 1], 4))
     np.testing.assert_array_equal(scene.edges, [[0, 1], [1, 2], [1, 3], [4, 5], [5, 6], [5, 7]])
     assert registry.digest(SETTINGS, tmp_path) == sources.sha256(path)
-    thinned = load_scene(tmp_path, "pair", thinning=Thinning(most=10))
+    thinned = registry.load_scene(SETTINGS | {"frames": 10}, tmp_path)
     assert thinned.n_frames == 9 and thinned.structure is not None
     np.testing.assert_allclose(
         thinned.structure * spread(S[::2]), scene.structure[::2] * spread(S), atol=1e-12
@@ -84,7 +83,7 @@ def test_absent(tmp_path: Path) -> None:
 def test_broken(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     write(tmp_path, **changes)
     with pytest.raises(DatasetError, match=said) as caught:
-        load_scene(tmp_path, "pair")
+        registry.load_scene(SETTINGS, tmp_path)
     assert "\n" not in str(caught.value)
 
 
@@ -180,7 +179,7 @@ def test_arrays_come_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("take", ["salsa_01", "salsa_02", "salsa_03", "salsa_04"])
 def test_real_takes(data_folder: Path, take: str) -> None:
     """Bones keep their length, and the two dancers stay within reach of each other."""
-    scene = load_scene(data_folder, take)
+    scene = registry.load_scene(SETTINGS | {"take": take}, data_folder)
     assert 200 < scene.n_frames <= 400 and scene.n_points == 54 and scene.structure is not None
     i, j = scene.edges.T
     lengths = np.linalg.norm(scene.structure[:, :, i] - scene.structure[:, :, j], axis=1)

@@ -10,7 +10,7 @@ import pytest
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.readers.matfile import read_mat
-from nrsfm.datasets.real.mocap import load_single
+from nrsfm.datasets.real.mocap_body import load_single
 from nrsfm.harness.evaluate import metrics
 from nrsfm.methods.base import MethodError, Observations
 from nrsfm.methods.structure.pta import PTA, fit_trajectories, trajectory_basis

@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import minimize
 
 from nrsfm.datasets.cameras import orbit, project
-from nrsfm.datasets.real.mocap import load_scene, load_single
+from nrsfm.datasets.real.mocap import load_scene
+from nrsfm.datasets.real.mocap_body import load_single
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
 from nrsfm.methods.base import Array, MethodError, Observations, standardise
