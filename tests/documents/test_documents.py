@@ -248,8 +248,8 @@ def test_commands_run(page: str, environment: dict[str, str], tmp_path: Path) ->
     pip = f"pip install --quiet --no-deps --no-build-isolation --no-index --target {site}"
     for name, words in (("nrsfm", 'nrsfm "$@"'), ("pytest", 'pytest -n0 -p no:cacheprovider "$@"'), ("pip", pip)):
         script = programs / name
-        given = ' "${@: -1}"' if name == "pip" else ""
-        script.write_text(f"#!/bin/bash\nexec {sys.executable} -m {words}{given}\n")
+        last = ' "./${@: -1}"' if name == "pip" else ""  # a folder, which pip takes for a name without the slash
+        script.write_text(f"#!/bin/bash\nexec {sys.executable} -m {words}{last}\n")
         script.chmod(0o755)
     real = os.environ.get("NRSFM_DATA")
     variables = environment | {

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -68,14 +69,18 @@ def lines(text: str, word: str) -> list[str]:
     return [line for line in text.splitlines() if word in line]
 
 
-def test_the_example_is_installed_listed_and_swept(shell: Shell, tmp_path: Path) -> None:
-    """pip, without network, into a folder of its own; then a sweep over workers, its plan, and its own tests."""
+@pytest.fixture(scope="module")
+def path_of_example(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The PYTHONPATH of a folder into which pip, without network, has installed the example."""
     pytest.importorskip("flit_core")
-    site = tmp_path / "site"
+    site = tmp_path_factory.mktemp("example") / "site"
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*pip, "--target", str(site), str(EXAMPLE)], check=True, timeout=240)
-    path = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
+    subprocess.run([*pip, "--target", str(site), str(EXAMPLE)], check=True)
+    return {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
 
+
+def test_the_example_is_listed_planned_and_swept(shell: Shell, path_of_example: dict[str, str]) -> None:
+    path = path_of_example
     listed = shell("list", **path)
     assert listed.stderr == ""
     for name in ("rigid_depth", "breathing_clouds"):
@@ -84,36 +89,41 @@ def test_the_example_is_installed_listed_and_swept(shell: Shell, tmp_path: Path)
 
     sweep = ("method=rigid_depth,edsc", "dataset=breathing_clouds,procedural", "dataset.points=12", "dataset.frames=20")
     assert "4 missing" in shell("plan", *sweep, **path).stdout
-    done = shell("run", "-m", *sweep, "hydra/launcher=joblib", **path)
+    done = shell("run", "-m", *sweep, **path)
     assert done.returncode == 0, done.stderr
     assert "4 trials: 4 run" in done.stdout
     assert "4 done" in shell("plan", *sweep, **path).stdout
 
-    done = shell("run", "experiment=quick", "method=rigid_depth", "dataset=breathing_clouds", **path)
-    assert "2 trials: 2 run" in done.stdout, done.stderr
 
+@pytest.mark.slow
+def test_the_example_runs_under_joblib_in_experiments_and_by_its_own_tests(
+    shell: Shell, path_of_example: dict[str, str]
+) -> None:
+    path = path_of_example
+    words = ("experiment=quick", "method=rigid_depth", "dataset=breathing_clouds", "hydra/launcher=joblib")
+    done = shell("run", *words, **path)
+    assert "2 trials: 2 run" in done.stdout, done.stderr
     tests = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-c", os.devnull, "-p", "no:cacheprovider", str(EXAMPLE / "tests")],
         env=os.environ | path | {"PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
-        timeout=240,
         check=False,
     )
     assert tests.returncode == 0, tests.stdout
 
 
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [
-        ("def broken(:\n", "SyntaxError"),
-        ("import nowhere_to_be_found\n", "nowhere_to_be_found"),
-        ("raise RuntimeError('on import')\n", "RuntimeError: on import"),
-        (GOOD.replace("Halves", "Quarters"), "AttributeError"),
-        ("Halves = 3\n", "not a class"),
-    ],
-)
-def test_a_broken_method_is_named_and_harms_no_other(nrsfm: Shell, package: Make, code: str, said: str) -> None:
+BROKEN_METHODS = [
+    ("def broken(:\n", "SyntaxError"),
+    ("import nowhere_to_be_found\n", "nowhere_to_be_found"),
+    ("raise RuntimeError('on import')\n", "RuntimeError: on import"),
+    (GOOD.replace("Halves", "Quarters"), "AttributeError"),
+    ("Halves = 3\n", "not a class"),
+]
+
+
+@pytest.mark.parametrize(("code", "error"), BROKEN_METHODS)
+def test_a_broken_method_is_named(nrsfm: Shell, package: Make, code: str, error: str) -> None:
     name = package(code, METHOD, **{"conf/method/halves.yaml": "name: halves\nalgorithm: halves\n"})
     listed = nrsfm("list")
     assert listed.returncode == 0
@@ -121,36 +131,51 @@ def test_a_broken_method_is_named_and_harms_no_other(nrsfm: Shell, package: Make
     assert "halves" in listed.stdout
     (line,) = listed.stderr.splitlines()
     assert name in line
-    assert said in line
+    assert error in line
+
+
+def first_then_slow(cases: list[tuple[str, str]]) -> list[Any]:
+    """The first case for every run of the tests; the others, which take the same way, are marked slow."""
+    return [cases[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in cases[1:])]
+
+
+@pytest.mark.parametrize(("code", "error"), first_then_slow(BROKEN_METHODS))
+def test_a_broken_method_harms_no_other(nrsfm: Shell, package: Make, code: str, error: str) -> None:
+    name = package(code, METHOD, **{"conf/method/halves.yaml": "name: halves\nalgorithm: halves\n"})
     done = nrsfm("run", "-m", "method=halves,edsc", *TINY[:2])
     assert done.returncode == 2
     assert "2 trials: 2 run, 1 failed" in done.stdout
     (line,) = lines(done.stderr, name)
-    assert said in line
+    assert error in line
 
 
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [
-        ("", "load and digest"),
-        ("import nowhere_to_be_found\n", "nowhere_to_be_found"),
-        ("def load(s, f): ...\ndef digest(s, f): return s['seeds']\n", "KeyError"),
-        ("def load(s, f): ...\ndef digest(s, f): return b'1'\n", "gave bytes, wanted a str"),
-        ("def load(s, f): return None\ndef digest(s, f): return '1'\n", "gave NoneType, wanted a Scene"),
-        ("def load(s, f): return 1 / 0\ndef digest(s, f): return '1'\n", "ZeroDivisionError"),
-    ],
-)
-def test_a_broken_dataset_is_named_and_harms_no_other(nrsfm: Shell, package: Make, code: str, said: str) -> None:
+BROKEN_DATASETS = [
+    ("def load(s, f): return 1 / 0\ndef digest(s, f): return '1'\n", "ZeroDivisionError"),
+    ("", "load and digest"),
+    ("import nowhere_to_be_found\n", "nowhere_to_be_found"),
+    ("def load(s, f): ...\ndef digest(s, f): return s['seeds']\n", "KeyError"),
+    ("def load(s, f): ...\ndef digest(s, f): return b'1'\n", "gave bytes, wanted a str"),
+    ("def load(s, f): return None\ndef digest(s, f): return '1'\n", "gave NoneType, wanted a Scene"),
+]
+
+
+@pytest.mark.parametrize(("code", "error"), BROKEN_DATASETS)
+def test_a_broken_dataset_is_named(nrsfm: Shell, package: Make, code: str, error: str) -> None:
     package(code, DATASET, **{"conf/dataset/bad.yaml": "name: bad\nsource: bad\n"})
     listed = nrsfm("list")
     assert listed.returncode == 0
     assert "dance_yoga" in listed.stdout
-    done = nrsfm("run", "-m", "dataset=bad,procedural", "method=edsc")
+    assert error in nrsfm("plan", "dataset=bad", "method=bmm").stdout.replace("\n", " ")
+
+
+@pytest.mark.parametrize(("code", "error"), first_then_slow(BROKEN_DATASETS))
+def test_a_broken_dataset_harms_no_other(nrsfm: Shell, package: Make, code: str, error: str) -> None:
+    package(code, DATASET, **{"conf/dataset/bad.yaml": "name: bad\nsource: bad\n"})
+    done = nrsfm("run", "-m", "dataset=bad,procedural", "method=edsc", *TINY[:2])
     assert done.returncode == 2
     assert "2 trials: 2 run, 1 failed" in done.stdout
-    (line,) = lines(done.stderr, said)
+    (line,) = lines(done.stderr, error)
     assert "dataset bad" in line
-    assert said in nrsfm("plan", "dataset=bad", "method=bmm").stdout.replace("\n", " ")
 
 
 def test_names_that_are_taken_stay_with_their_owner(nrsfm: Shell, package: Make) -> None:
