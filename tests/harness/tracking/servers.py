@@ -16,7 +16,7 @@ from typing import Any
 
 
 def postgres_folder() -> Path | None:
-    """The folder of PostgreSQL's programs, from the path or where Debian and Red Hat install them, the newest; or None."""
+    """The folder of PostgreSQL's programs, the newest that is on the path or where Debian and Red Hat install it."""
     program = shutil.which("initdb")
     places = [Path(program).resolve().parent] if program else []
     for pattern in ("lib/postgresql/*/bin", "pgsql-*/bin"):
