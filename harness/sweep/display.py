@@ -21,8 +21,6 @@ from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.trial.progress import Step
 
 SECONDS = 0.5  # between two refreshes
-
-
 NARROW = 100  # columns, below which the bar and the elapsed time of the sweep are left out
 
 
