@@ -30,8 +30,6 @@ from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
 
 ATTEMPTS = 3  # consecutive attempts that may end without any trial done
-
-
 STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
 
 

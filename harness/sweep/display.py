@@ -22,8 +22,6 @@ from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.trial.progress import Step
 
 SECONDS = 0.5  # between two refreshes
-
-
 NARROW = 100  # columns, below which the bar and the elapsed time of the sweep are left out
 
 
@@ -96,10 +94,12 @@ class Display:
         """Show these trials, by key, as running."""
         for key in self._running.keys() - steps.keys():
             self._steps.remove_task(self._running.pop(key))
-        for key in steps.keys() & self._left.keys():
+        for key, step in steps.items():
+            if key not in self._left:
+                continue
             if key not in self._running:
-                self._running[key] = self._steps.add_task(escape(printable(steps[key].title, 200)), total=None, step="")
-            self._steps.update(self._running[key], step=escape(printable(steps[key].words, 200)))
+                self._running[key] = self._steps.add_task(escape(printable(step.title, 200)), total=None, step="")
+            self._steps.update(self._running[key], step=escape(printable(step.words, 200)))
         self._write_head()
         if self.live and time.monotonic() - self._drawn > SECONDS:
             self._drawn = time.monotonic()

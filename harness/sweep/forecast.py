@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.environment import environment
@@ -30,8 +31,7 @@ class Forecast:
     basis: str
 
 
-@dataclass(frozen=True)
-class Past:
+class Past(NamedTuple):
     """A finished trial, and the MB of disk that its files take."""
 
     outcome: Outcome
@@ -41,15 +41,6 @@ class Past:
     def size(self) -> tuple[int, int]:
         """Frames and tracks."""
         return self.outcome.n_frames or 0, self.outcome.n_points or 0
-
-    @property
-    def seconds(self) -> float:
-        return self.outcome.seconds or 0.0
-
-    @property
-    def cpu_seconds(self) -> float:
-        """CPU seconds; the wall seconds where the record has none."""
-        return self.seconds if self.outcome.cpu_seconds is None else self.outcome.cpu_seconds
 
 
 class History:
@@ -88,8 +79,8 @@ class History:
         elsewhere = sum(p.outcome.environment.get("processor") != processor for p in past)
         place = f", {'' if elsewhere == len(past) else 'some '}on another processor" if elsewhere else ""
         return Forecast(
-            seconds=median(p.seconds for p in past),
-            cpu_seconds=median(p.cpu_seconds for p in past),
+            seconds=median(p.outcome.seconds or 0.0 for p in past),
+            cpu_seconds=median(p.outcome.cpu_seconds or p.outcome.seconds or 0.0 for p in past),
             peak_mb=max(p.outcome.peak_mb or 0.0 for p in past),
             disk_mb=max(p.disk_mb for p in past),
             basis=f"{len(past)} trial{'' if len(past) == 1 else 's'} of this size{place}",
@@ -102,7 +93,7 @@ class History:
             return "no past trial of this method"
         ratios = {p.size: math.prod(p.size) / math.prod(size) for p in past}
         frames, tracks = min(ratios, key=lambda other: abs(math.log(ratios[other])))
-        seconds = median(p.seconds for p in past if p.size == (frames, tracks))
+        seconds = median(p.outcome.seconds or 0.0 for p in past if p.size == (frames, tracks))
         return f"no past trial of this size; {tracks} tracks, {frames} frames took {time_words(seconds)}"
 
     def _comparable(self, trial: Trial) -> list[Past]:

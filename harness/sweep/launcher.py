@@ -23,8 +23,6 @@ from nrsfm.harness.sweep.application import call_hydra
 from nrsfm.harness.sweep.work import Work, go_through
 
 BASIC, SLURM, RAY = "basic", "submitit_slurm", "ray"
-
-
 RAY_STORE = 75 << 20  # bytes; small, because no result passes through Ray's store
 
 

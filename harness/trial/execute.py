@@ -15,7 +15,7 @@ from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.environment import COMPUTES, environment
 from nrsfm.harness.record.outcome import ABSENT, FAILED, OK, Outcome
-from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.record.trial import GROUPS, Trial
 from nrsfm.harness.trial.identity import Identity, identify
 from nrsfm.harness.trial.isolation import Stopped, run_isolated
 from nrsfm.harness.trial.packages import packages_of
@@ -163,12 +163,6 @@ def _blank(trial: Trial, settings: Settings, identity: Identity) -> Outcome:
         repeat=int(trial.noise["repeat"]),
         n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
         sweep=settings.sweep,
-        parameters={
-            "dataset": dict(trial.dataset),
-            "method": dict(trial.method),
-            "cameras": dict(trial.cameras),
-            "noise": dict(trial.noise),
-            "gaps": dict(trial.gaps),
-        },
+        parameters={group: dict(getattr(trial, group)) for group in GROUPS},
         environment={name: value for name, value in environment.items() if value},
     )

@@ -28,20 +28,10 @@ from nrsfm.harness.record.environment import THREAD_VARIABLES
 from nrsfm.harness.record.outcome import CRASHED, OK, OOM, TIMEOUT
 
 PRELOAD = ["nrsfm.harness.trial.preload"]
-
-
 OOM_EXIT, DISK_EXIT = 77, 78  # exit codes of a child without memory, without disk
-
-
 LOST_EXIT = 255  # the exit code that multiprocessing reports when the server died before the child
-
-
 STARTS = 5  # attempts to start the server
-
-
 POLL_SECONDS, MEMORY_SECONDS = 0.25, 1.0  # between two calls of ``stopped``, between two measurements of memory
-
-
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
@@ -60,8 +50,6 @@ class Ended:
 #: Serialises starting a child, which changes the environment and the main module for a moment and polls all other
 #: children, and joining one: the server reports the end of a child only once.
 _CHILDREN = threading.Lock()
-
-
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 

@@ -5,9 +5,5 @@ from nrsfm.harness.record.environment import environment
 from nrsfm.methods import registry as methods
 
 environment()
-
-
 methods.others()
-
-
 datasets.others()

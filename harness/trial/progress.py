@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 LARGEST = 1 << 16  # bytes of the file
-
-
 SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are written to the file, and to the trial's log
 
 

@@ -46,8 +46,8 @@ def test_a_killed_sweep_of_misbehaving_trials_is_finished_later(
 
     Every way to misbehave becomes a record and a run in the tracker, and harms no other trial.
     """
-    words = ("run", "-m", *ODD, f"+method.how={','.join(WAYS)}", f"hydra/launcher={launcher}", "workers=2")
-    words = (*words, "limits.seconds=10", "limits.memory_gb=2")
+    ways, limits = ",".join(WAYS), ("limits.seconds=10", "limits.memory_gb=2")
+    words = ("run", "-m", *ODD, f"+method.how={ways}", f"hydra/launcher={launcher}", "workers=2", *limits)
     sweep = started(environment, tmp_path, *words)
     until(lambda: records(tmp_path), sweep)
     sweep.kill()
