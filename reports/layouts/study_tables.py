@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 from nrsfm.reports.layouts import published
@@ -22,16 +21,17 @@ from nrsfm.reports.layouts.metrics import (
     MEAN_TRACKS,
     MISCOUNTED,
     TableMetric,
+    pooled,
 )
 from nrsfm.reports.layouts.notes import ADAPTIVE, EIGENGAPS, FIXED, HIDDEN, SHARE
 from nrsfm.reports.layouts.pools import BODIES, HOPKINS
 
 #: How far a scene's eight pairs are from the printed ones.
 FROM_TABLE2 = (
-    replace(E_3D, pool="log ratio", title="e_3D, log ratio"),
-    replace(E_3D, pool="> 10 % off", title="e_3D, pairs off"),
-    TableMetric("e_3d", pool="log ratio", title="e_3D by the equation, log ratio"),
-    replace(E_MS, pool="tracks off", title="e_MS, tracks off"),
+    pooled(E_3D, "log ratio", title="e_3D, log ratio"),
+    pooled(E_3D, "> 10 % off", title="e_3D, pairs off"),
+    pooled(TableMetric("e_3d"), "log ratio", title="e_3D by the equation, log ratio"),
+    pooled(E_MS, "tracks off", title="e_MS, tracks off"),
 )
 
 

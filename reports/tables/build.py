@@ -176,7 +176,8 @@ def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: 
         return replace(cell, reason=f"measured on {cell.points} tracks, published on {published_points}")
     distance, scale = _distance(cell, metric)
     slack = metric.tolerance * scale + 1e-12
-    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if distance > 0 else Verdict.BETTER
+    worse = distance > 0 if metric.metric.better == "lower" else distance < 0
+    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if worse else Verdict.BETTER
     return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
 
 
@@ -209,23 +210,27 @@ def _mean(runs: Sequence[Tracked], name: str) -> float | None:
 
 
 def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
-    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best.
+    """Mark the best number of each metric in a row, ties at the printed precision too; a lone number is not marked.
 
-    Distances from print rank the rows, so that no column of a row is marked.
+    Distances from published numbers are not marked: they rank the rows.
     """
     marked = list(cells)
     for metric in dict.fromkeys(column.metric for column in columns if not column.metric.distance):
         places = [i for i, column in enumerate(columns) if column.metric == metric]
-        for best in _lowest(cells, places):
-            marked[best] = replace(marked[best], best=True)
-        for best in _lowest(cells, [i for i in places if columns[i].heading]):
-            marked[best] = replace(marked[best], best_printed=True)
+        for i in _best(cells, places, metric):
+            marked[i] = replace(marked[i], best=True)
+        for i in _best(cells, [i for i in places if columns[i].heading], metric):
+            marked[i] = replace(marked[i], best_printed=True)
     return tuple(marked)
 
 
-def _lowest(cells: Sequence[Cell], places: Sequence[int]) -> list[int]:
+def _best(cells: Sequence[Cell], places: Sequence[int], metric: TableMetric) -> list[int]:
+    """Places of the best of some cells; none for a metric of which no number is better, or where there is one number."""
+    choose = {"lower": min, "higher": max}.get(metric.metric.better)
     values = {i: round(cell.measured, cell.digits) for i in places if (cell := cells[i]).measured is not None}
-    return [i for i, value in values.items() if value == min(values.values())] if len(values) > 1 else []
+    if choose is None or len(values) < 2:
+        return []
+    return [i for i, value in values.items() if value == choose(values.values())]
 
 
 def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...]:
