@@ -1,4 +1,4 @@
-"""The tables of this project's own experiments, as data: what was varied, in columns or rows."""
+"""The tables of this project's own experiments, as data: columns or rows are the variants."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from nrsfm.reports.layouts.metrics import (
 from nrsfm.reports.layouts.notes import ADAPTIVE, EIGENGAPS, FIXED, HIDDEN, SHARE
 from nrsfm.reports.layouts.pools import BODIES, HOPKINS
 
-#: How far a scene's eight pairs are from the printed ones.
+#: Distances of a scene's eight pairs from the published numbers.
 FROM_TABLE2 = (
     pooled(E_3D, "log ratio", title="e_3D, log ratio"),
     pooled(E_3D, "> 10 % off", title="e_3D, pairs off"),
@@ -35,11 +35,11 @@ FROM_TABLE2 = (
 )
 
 
-#: The rotation step of the block matrix method as it is published.
+#: Settings of the block matrix method's rotation step as published.
 ROTATION = {"cameras.rank": SameAs("dataset.rank"), "cameras.start": "trace_norm", "cameras.refine": True}
 
 
-#: Ours, by what is swept of its setting.
+#: A column of ours for each setting of the search.
 SETTINGS = tuple(
     Method("ours", where={"method.l1": l1, "method.whitening": whitening}, label=f"l1 {l1}, whitening {whitening}")
     for l1 in ([0.1, 0.3], [0.1, 0.1], [0.3, 0.3])
