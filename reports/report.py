@@ -15,7 +15,7 @@ from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
 from nrsfm.reports.claims import claims
 from nrsfm.reports.claims.findings import Evidence, Judged
 from nrsfm.reports.figures.chart import Chart
-from nrsfm.reports.figures.charts import charts
+from nrsfm.reports.figures.charts import build_charts
 from nrsfm.reports.formats.documents import FORMATS
 from nrsfm.reports.page.report_page import page
 from nrsfm.reports.tables.build import build
@@ -51,7 +51,7 @@ class Report:
     @cached_property
     def charts(self) -> list[Chart]:
         """The charts that these experiments fill."""
-        return charts(self.answers, self.fetch)
+        return build_charts(self.answers, self.fetch)
 
     @cached_property
     def judged(self) -> list[Judged]:

@@ -1,6 +1,6 @@
-"""The paper's claims as data: what is said, and the rule by which measured runs hold it or do not.
+"""The paper's claims as data: each statement, and the rule that judges it by measured runs.
 
-A claim that speaks of every pair is held only if every pair was measured; one counterexample is enough against it.
+A claim about every pair holds only if every pair was measured; one counterexample refutes it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.labels import LABELS
 
 OURS = ("ours", "ours_printed")
-"""What is judged: the default, and the formulation as the paper prints it."""
+"""The methods that are judged: the default, and the formulation as the paper prints it."""
 
 
 BASELINES = ("ssc2d", "edsc", "bmm_ssc3d")
@@ -42,7 +42,7 @@ Rule = Callable[[Evidence, str], Iterable[Case]]
 
 @dataclass(frozen=True)
 class Claim:
-    """``rule`` says in words what :attr:`judge` does; ``measures`` names the cases' values."""
+    """``rule`` describes :attr:`judge`; ``measures`` names the values of the cases."""
 
     statement: str
     rule: str
@@ -64,11 +64,13 @@ def judge(evidence: Evidence) -> list[Judged]:
 
 
 def text(judged: Sequence[Judged]) -> str:
-    """The claims for a terminal: a line each, and below it what was found."""
+    """The claims for a terminal: a line each, followed by a line for each method."""
     lines = []
     for claim in judged:
         lines.append(f"{claim.number:2}. {claim.statement}")
-        lines += [f"    {found.symbol} {label}: {found.verdict}. {found.figures}" for label, found in claim.findings]
+        lines += [
+            f"    {finding.symbol} {label}: {finding.verdict}. {finding.figures}" for label, finding in claim.findings
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -81,13 +83,13 @@ def data(judged: Sequence[Judged]) -> list[dict[str, Any]]:
             "rule": claim.rule,
             "findings": {
                 label: {
-                    "verdict": found.verdict,
-                    "figures": found.figures,
+                    "verdict": finding.verdict,
+                    "figures": finding.figures,
                     "cases": [
-                        {"name": c.name, "verdict": word(c.ok), "said": c.said, "value": c.value} for c in found.cases
+                        {"name": c.name, "verdict": word(c.ok), "said": c.said, "value": c.value} for c in finding.cases
                     ],
                 }
-                for label, found in claim.findings
+                for label, finding in claim.findings
             },
         }
         for claim in judged
@@ -95,7 +97,7 @@ def data(judged: Sequence[Judged]) -> list[dict[str, Any]]:
 
 
 def _right(datasets: Sequence[str], allowed: int = 0, placement: str = "paper") -> Rule:
-    """No more wrong tracks than allowed, on each dataset."""
+    """A rule: at most so many wrong tracks on each dataset."""
 
     def rule(evidence: Evidence, method: str) -> Iterator[Case]:
         for dataset in datasets:
@@ -145,13 +147,12 @@ def _grows(evidence: Evidence, method: str) -> Iterator[Case]:
 
 
 EPSILON = 1e-3
-"""A residual that converged whatever it was before: a solve that starts near its end has no large one."""
+"""A residual below this has converged whatever its largest value: a solve that starts near its end has no large one."""
 
 
 def _converges(evidence: Evidence, method: str) -> Iterator[Case]:
     for pair in PAIRS:
-        found = evidence.curves(pair, method)
-        curves = found[0] if found else {}
+        curves = next(iter(evidence.curves(pair, method)), {})
         names = [name for name in curves if name.startswith("residual_")]
         for name in names or ["residuals"]:
             y = curves[name][1] if name in curves else None
@@ -165,7 +166,7 @@ def _converges(evidence: Evidence, method: str) -> Iterator[Case]:
 
 
 def _neighbours_help(evidence: Evidence, method: str) -> Iterator[Case]:
-    """The spatial term belongs to the printed formulation alone."""
+    """Only the printed formulation has the spatial term."""
     if method != "ours_printed":
         return
     for face in DENSE:
@@ -184,7 +185,7 @@ def _more_block_diagonal(evidence: Evidence, method: str) -> Iterator[Case]:
 
 
 def _case(name: str, value: float | None, holds: Callable[[float], bool], said: str) -> Case:
-    """A case from a number; ``said`` may hold a place for it."""
+    """A case from a number; ``said`` is a format of the number."""
     if value is None:
         return Case(name, None, "not measured")
     return Case(name, holds(value), said.format(value), value)

@@ -1,4 +1,4 @@
-"""What becomes of a claim: the runs that bear on it, its cases, and the verdict."""
+"""The verdict on a claim: the runs that it is judged by, and its cases."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ UMPM = published.datasets("table3")
 
 
 def word(ok: bool | None) -> str:
+    """The verdict on a case."""
     return NOT_TESTED if ok is None else HELD if ok else NOT_HELD
 
 
 @dataclass(frozen=True)
 class Case:
-    """One instance of a claim: ``ok`` is None where it was not measured; ``value`` is what the claim measures."""
+    """One instance of a claim: whether it holds (None: not measured), the evidence in words, and the measured value."""
 
     name: str
     ok: bool | None
@@ -37,7 +38,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """What became of a claim: its cases, and what their values are."""
+    """The cases of a claim for one method; ``measures`` names their values."""
 
     cases: tuple[Case, ...]
     measures: str = ""
@@ -58,13 +59,13 @@ class Finding:
         held, against, absent = (sum(case.ok is kind for case in self.cases) for kind in (True, False, None))
         if not held and not against:
             return "no run"
-        said = f"{held} of {len(self.cases)} hold"
-        said += f", {against} not" * bool(against) + f", {absent} not measured" * bool(absent)
+        text = f"{held} of {len(self.cases)} hold"
+        text += f", {against} not" * bool(against) + f", {absent} not measured" * bool(absent)
         values = [case.value for case in self.cases if case.value is not None]
         if values and self.measures:
             low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-            said += f"; {self.measures} {low}" + (f" to {high}" if high != low else "")
-        return said
+            text += f"; {self.measures} {low}" + (f" to {high}" if high != low else "")
+        return text
 
     @property
     def evidence(self) -> tuple[str, ...]:
@@ -94,17 +95,17 @@ class Evidence:
     Parameters
     ----------
     runs : iterable of Tracked
-        Oldest first; the newest of one trial stands. Runs with gaps, or that had to count the bodies, are left out.
+        Oldest first; of one trial the newest counts. Runs with gaps, or that had to count the bodies, are left out.
     fetch : callable
     """
 
     def __init__(self, runs: Iterable[Tracked], fetch: Fetch) -> None:
-        told = (run for run in runs if not run.outcome.gaps and "n_bodies_found" not in run.outcome.metrics)
-        self._runs: dict[tuple[Any, ...], Tracked] = {run.outcome.identity: run for run in told}
+        judged = (run for run in runs if not run.outcome.gaps and "n_bodies_found" not in run.outcome.metrics)
+        self._runs: dict[tuple[Any, ...], Tracked] = {run.outcome.identity: run for run in judged}
         self._fetch = fetch
 
     def find(self, dataset: str, method: str, level: float = 0.0, placement: str = "paper") -> list[Outcome]:
-        """The runs of a dataset under the paper's setting, one a draw."""
+        """The runs of a dataset in the paper's setting, one for each draw of the noise."""
         return [run.outcome for run in self._found(dataset, method, level, placement)]
 
     def curves(self, dataset: str, method: str) -> list[dict[str, Any]]:
@@ -112,10 +113,10 @@ class Evidence:
 
     def _found(self, dataset: str, method: str, level: float, placement: str) -> list[Tracked]:
         wanted = (dataset, method, level)
-        found = [r for r in self._runs.values() if (r.outcome.dataset, r.outcome.method, r.outcome.level) == wanted]
+        runs = [r for r in self._runs.values() if (r.outcome.dataset, r.outcome.method, r.outcome.level) == wanted]
         if dataset in UMPM:  # as captured, cameras from the tracks
-            return found
-        usual = [r for r in found if r.outcome.cameras == "known" and r.outcome.motion in ("registered", "")]
+            return runs
+        usual = [r for r in runs if r.outcome.cameras == "known" and r.outcome.motion in ("registered", "")]
         return [r for r in usual if r.outcome.placement in (placement, "")]
 
     def mean(self, metric: str, *where: Any, **more: Any) -> float | None:

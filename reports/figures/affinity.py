@@ -1,4 +1,4 @@
-"""An affinity as a picture: normalised as it is clustered, the tracks of each body together, no larger than is seen."""
+"""An affinity as a picture: normalised as for clustering, its tracks sorted by body, at most so large."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 CELLS = 400
-"""Rows of a picture at most."""
+"""The most rows of a picture."""
 
 
 def picture(affinity: Any, truth: NDArray[Any] | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """D^-1/2 A D^-1/2, which spectral clustering sees, its largest 2 % cut, sums over cells where it is large.
+    """D^-1/2 A D^-1/2 as in spectral clustering, its largest 2 % clipped; sums over cells where it is large.
 
     Parameters
     ----------
     affinity : (P, P) array or sparse matrix
     truth : (P,) array or None
-        Bodies, by which tracks are sorted.
+        Bodies; tracks are sorted by them.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def picture(affinity: Any, truth: NDArray[Any] | None) -> tuple[NDArray[np.float
 
 
 def binned(affinity: sp.sparray, order: NDArray[Any]) -> NDArray[Any]:
-    """Sums over the cells of a grid that a figure can show, of a sparse affinity whose tracks are put in order."""
+    """Sums of a sparse affinity, its tracks in the given order, over the cells of a grid of at most CELLS rows."""
     n, pairs = affinity.shape[0], sp.coo_array(affinity)
     cells = min(n, CELLS)
     place = np.empty(n, dtype=np.int64)

@@ -40,7 +40,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure: ``name`` is the stem of its files."""
+    """Panels under one title; ``name`` is the stem of its files."""
 
     name: str
     title: str
@@ -48,7 +48,7 @@ class Chart:
     panels: tuple[Panel, ...]
 
     def data(self, blobs: Blobs) -> dict[str, Any]:
-        """As plain data; matrices go to ``blobs``."""
+        """The chart as plain data; its matrices are added to ``blobs``."""
         return {"title": self.title, "panels": [_panel(panel, blobs) for panel in self.panels]}
 
 

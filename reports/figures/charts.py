@@ -1,4 +1,4 @@
-"""Which figures the report draws, as data: a new figure is a new entry of :data:`FIGURES`."""
+"""The charts of the report, as data: a new chart is a new entry of :data:`CHARTS`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TypeVar
 
+from nrsfm.harness.evaluate.metrics import BY_NAME
 from nrsfm.harness.record.curves import thinned
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import one_line
@@ -31,18 +32,18 @@ Build = Callable[[Runs, Fetch], Iterable[Panel]]
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A figure and the experiments that fill it.
+class ChartEntry:
+    """A chart and the experiments that fill it.
 
     Parameters
     ----------
     name : str
-        Stem of its files, behind the experiment's name.
+        The stem of its files is the experiment's name and this.
     title, caption : str
     experiments : tuple of str
         Names or patterns, such as ``noise*``.
     build : callable
-        Finished runs and their arrays -> panels; none where the runs say nothing of it.
+        Finished runs and their arrays -> panels; none where the runs lack what the chart shows.
     """
 
     name: str
@@ -52,22 +53,22 @@ class Figure:
     build: Build
 
 
-def charts(answers_by_table: Mapping[str, Sequence[Answer]], fetch: Fetch) -> list[Chart]:
-    """Every figure that the answers fill, in the catalogue's order."""
+def build_charts(answers_by_table: Mapping[str, Sequence[Answer]], fetch: Fetch) -> list[Chart]:
+    """Every chart that the answers fill, in the order of :data:`CHARTS`."""
     made = []
-    for figure in FIGURES:
+    for entry in CHARTS:
         for name, answers in answers_by_table.items():
-            if not any(fnmatchcase(name, pattern) for pattern in figure.experiments):
+            if not any(fnmatchcase(name, pattern) for pattern in entry.experiments):
                 continue
             runs = list({run.outcome.key: run for _, run in answers if run and run.outcome.status == OK}.values())
-            panels = tuple(figure.build(runs, fetch))
+            panels = tuple(entry.build(runs, fetch))
             if panels:
-                title = f"{figure.title}, {layout(name).title}" if len(figure.experiments) > 1 else figure.title
-                made.append(Chart(f"{name}_{figure.name}", title, figure.caption, panels))
+                title = f"{entry.title}, {layout(name).title}" if len(entry.experiments) > 1 else entry.title
+                made.append(Chart(f"{name}_{entry.name}", title, entry.caption, panels))
     return made
 
 
-def against_noise(metric: str, label: str) -> Build:
+def against_noise(metric: str) -> Build:
     """A metric against the noise level: all datasets together, then each; mean and spread over the draws."""
 
     def build(runs: Runs, _: Fetch) -> Iterator[Panel]:
@@ -80,8 +81,8 @@ def against_noise(metric: str, label: str) -> Build:
         groups = _by(outcomes, lambda o: "all scenes" + words[o.cameras])
         groups |= _by(outcomes, lambda o: _name_of(o.dataset) + words[o.cameras])
         for title, members in groups.items():
-            series = [_over_levels(method, methods.index(method), own, metric) for method, own in _by_method(members)]
-            yield Panel(title, "noise, share of max |W|", label, tuple(series))
+            series = [_over_levels(name, methods.index(name), group, metric) for name, group in _by_method(members)]
+            yield Panel(title, "noise, share of max |W|", BY_NAME[metric].label, tuple(series))
 
     return build
 
@@ -112,8 +113,8 @@ def convergence(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
                 if name in curve
                 for x, y in [curve[name]]
             ]
-            said = name.removeprefix("residual_") + " residual" * (name != "objective")
-            yield Panel(f"{method_label(method)}: {said}", "iteration", "", tuple(series), log_y=name != "objective")
+            title = name.removeprefix("residual_") + " residual" * (name != "objective")
+            yield Panel(f"{method_label(method)}: {title}", "iteration", "", tuple(series), log_y=name != "objective")
 
 
 def affinities(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
@@ -129,10 +130,9 @@ def affinities(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
                 continue
             A, edges = picture(arrays["affinity"], arrays.get("true_labels"))
             between = outcome.metrics.get("affinity_between")
-            said = f", {100 * between:.0f} % between" if between is not None else ""
-            yield Panel(
-                f"{_name_of(scene)}: {method_label(method)}{said}", "track", "track", (), A, tuple(map(int, edges))
-            )
+            share = f", {100 * between:.0f} % between" if between is not None else ""
+            title = f"{_name_of(scene)}: {method_label(method)}{share}"
+            yield Panel(title, "track", "track", (), A, tuple(map(int, edges)))
 
 
 def by_frame(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
@@ -147,7 +147,7 @@ def by_frame(runs: Runs, fetch: Fetch) -> Iterator[Panel]:
                 place = methods.index(run.outcome.method)
                 series.append(Series(method_label(run.outcome.method), x, tuple(map(float, errors)), (), place))
         if series:
-            yield Panel(_name_of(scene), "frame", "e_3D", tuple(series))
+            yield Panel(_name_of(scene), "frame", BY_NAME["e_3d"].label, tuple(series))
 
 
 def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
@@ -171,17 +171,17 @@ def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
 
 def scales(runs: Runs, fetch: Fetch) -> Iterable[Panel]:
     """Time, operations and memory of an iteration against the size of the scene."""
-    found = []
+    trials = []
     for run in runs:
         arrays, o = fetch(run), run.outcome
         if {"history_seconds", "history_operations"} <= arrays.keys():
             seconds, operations = (arrays[f"history_{name}"].tolist() for name in ("seconds", "operations"))
-            found.append(measured(o.n_points or 0, o.n_frames or 0, seconds, operations, o.peak_mb or 0.0))
-    return scaling(found)
+            trials.append(measured(o.n_points or 0, o.n_frames or 0, seconds, operations, o.peak_mb or 0.0))
+    return scaling(trials)
 
 
 def _wide(values: Sequence[float]) -> bool:
-    """Whether values ask for a logarithmic axis."""
+    """Whether values span more than a factor of 10, so that the axis is logarithmic."""
     return max(values) > 10 * min(values) > 0
 
 
@@ -204,31 +204,31 @@ def _name_of(dataset: str) -> str:
     return one_line(dataset.replace("_", " + "), 40)
 
 
-FIGURES: tuple[Figure, ...] = (
-    Figure(
+CHARTS: tuple[ChartEntry, ...] = (
+    ChartEntry(
         "e_3d",
         "3D error against noise",
         "e_3D against the noise's standard deviation; lines are means, bands the sample standard deviation over the "
         "draws. The paper prints no standard deviation: the scale of the noise is ours.",
         ("noise*",),
-        against_noise("e_3d", "e_3D"),
+        against_noise("e_3d"),
     ),
-    Figure(
+    ChartEntry(
         "e_ms",
         "Segmentation error against noise",
         "Share of wrongly labelled tracks against the noise's standard deviation; lines are means, bands the sample "
         "standard deviation over the draws.",
         ("noise*",),
-        against_noise("e_ms", "e_MS"),
+        against_noise("e_ms"),
     ),
-    Figure(
+    ChartEntry(
         "curves",
         "Convergence",
         "Objective and the infinity norms of the constraints' residuals by iteration.",
         ("convergence*",),
         convergence,
     ),
-    Figure(
+    ChartEntry(
         "affinity",
         "Affinity of SSC beside ours",
         "What is clustered, normalised as spectral clustering does; tracks sorted by body, darker is stronger, lines "
@@ -236,7 +236,7 @@ FIGURES: tuple[Figure, ...] = (
         ("table1",),
         affinities,
     ),
-    Figure(
+    ChartEntry(
         "cost",
         "Time and memory of an iteration",
         "Each point is a trial, double logarithmic; exponents are those of the larger half of the sizes. A dense "
@@ -244,8 +244,8 @@ FIGURES: tuple[Figure, ...] = (
         ("scaling",),
         scales,
     ),
-    Figure("frames", "3D error by frame", "e_3D of each frame.", ("table2", "table3"), by_frame),
-    Figure(
+    ChartEntry("frames", "3D error by frame", "e_3D of each frame.", ("table2", "table3"), by_frame),
+    ChartEntry(
         "cost",
         "Time and memory",
         "Each point is a run: wall time and largest resident memory against the size of the scene.",

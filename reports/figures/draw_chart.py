@@ -1,4 +1,4 @@
-"""Charts as figures of matplotlib, for svg, pdf and png."""
+"""Draws a chart with matplotlib, for svg, pdf and png."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from nrsfm.reports.figures.chart import Chart, Panel
 from nrsfm.reports.figures.style import COLOURS, look
 
 ACROSS = 4
-"""Panels side by side at most."""
+"""The most panels side by side."""
 
 
 def chart_figure(chart: Chart) -> Figure:
-    """All panels of a chart, one legend below them.
+    """A figure with all panels of a chart and one legend below them.
 
     Returns
     -------

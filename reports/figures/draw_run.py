@@ -1,4 +1,4 @@
-"""Figures of one trial: what came in, what came out, and what was clustered."""
+"""Draws one run: tracks, structure and affinity side by side."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from nrsfm.harness.evaluate.matching import matched
+from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import picture
 from nrsfm.reports.figures.style import COLOURS, GREY, WRONG
 
-DRAWN = 3000  # points of a dense scene
+DRAWN = 3000  # the most points that are drawn
 
 
 def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | None = None) -> Figure:
@@ -39,7 +40,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     matplotlib.figure.Figure
     """
     tracks = arrays["tracks"]
-    some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))  # all, unless there are more
+    some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))
     frame = len(tracks) // 2 if frame is None else frame
     truth = arrays.get("true_labels")
     labels = matched(arrays["labels"], truth) if "labels" in arrays else None
@@ -63,7 +64,7 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure; the format is the suffix's, and the same figure gives the same bytes."""
+    """Write a figure in the format of the suffix; the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix[1:])
     with matplotlib.rc_context({"svg.hashsalt": "nrsfm"}):  # element names are random without it
@@ -74,20 +75,17 @@ def _title(outcome: Outcome) -> str:
     words = [outcome.dataset.replace("_", " + "), outcome.method]
     if outcome.stand_in:
         words.append("procedural stand-in")
-    if "e_3d" in outcome.metrics:
-        words.append(f"e_3d {outcome.metrics['e_3d']:.4f}")
-    if "n_wrong" in outcome.metrics:
-        words.append(f"{outcome.metrics['n_wrong']:.0f} of {outcome.n_points} tracks wrong")
-    return ", ".join(words)
+    return ", ".join([*words, *brief(outcome.metrics, outcome.n_points)])
 
 
 def _area(points: NDArray[Any]) -> float:
-    """How much smaller the markers of many points are, so that they do not cover each other."""
-    return min(1.0, 250 / points.shape[-1])
+    """Scale of the markers: smaller for many points, so that they do not cover each other."""
+    n: int = points.shape[-1]
+    return min(1.0, 250 / n)
 
 
 def _tracks(axes: Axes, tracks: NDArray[Any], frame: int) -> None:
-    """The image of one frame, with the way each point came over the last frames."""
+    """The image of one frame, with the path of each point over the last frames."""
     tail = tracks[max(0, frame - 12) : frame + 1].transpose(2, 0, 1)
     axes.add_collection(LineCollection(list(tail), colors=GREY, linewidths=0.7 * _area(tracks)))
     axes.scatter(tracks[frame, 0], tracks[frame, 1], s=9 * _area(tracks), color="black", zorder=2)
@@ -105,8 +103,8 @@ def _structure(
             *arrays["true_structure"][frame], s=34 * area, facecolors="none", edgecolors=GREY, linewidths=0.7 * area
         )
     for label in [] if labels is None else np.unique(labels):
-        mine = labels == label
-        axes.scatter(*X[:, mine], s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
+        body = labels == label
+        axes.scatter(*X[:, body], s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
     if labels is None:
         axes.scatter(*X, s=10 * area, color=COLOURS[0], depthshade=False)
     elif truth is not None and (labels != truth).any():

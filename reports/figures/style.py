@@ -1,4 +1,4 @@
-"""One look for every figure: colours that colour-blind readers tell apart, and a marker and dash besides."""
+"""Colours, markers and dashes of every figure; colour-blind readers can tell the colours apart."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GREY, WRONG = "#8a8f95", "#000000"
 
 @dataclass(frozen=True)
 class Look:
-    """How a method's line is drawn: matplotlib's marker and dash, and plotly's names of the same."""
+    """The look of a line: matplotlib's marker and dash, and plotly's names for them."""
 
     colour: str
     marker: str
@@ -28,7 +28,7 @@ _MARKERS = ("o circle", "s square", "^ triangle-up", "D diamond", "v triangle-do
 _LINES = ("- solid", "-- dash", ": dot")
 
 
-_ORDER = (0, 1, 2, 4, 3, 5)  # yellow is left out: it is hard to see on white
+_ORDER = (0, 1, 2, 4, 3, 5)  # without yellow, which is hard to see on white
 
 
 def look(place: int) -> Look:

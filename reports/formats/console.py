@@ -1,4 +1,4 @@
-"""A table for the terminal: one line a dataset and method, within 120 columns."""
+"""Prints a table to the terminal: one line for each dataset and method, within 120 columns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def console(table: Table, target: Console | None = None) -> None:
     ----------
     table : Table
     target : rich.console.Console, optional
-        Where to; standard output by default. Plain text, 120 columns wide, if that is no terminal.
+        Standard output by default. Plain text, 120 columns wide, where it is no terminal.
     """
     target = target or Console()
     if not target.is_terminal:
@@ -43,12 +43,12 @@ def console(table: Table, target: Console | None = None) -> None:
 
 
 def reasons(table: Table) -> list[str]:
-    """Reasons that do not fit into the cell, same ones together: ``EDSC e_MS: failed: ... (Dance+Yoga)``."""
-    found: dict[tuple[str, str, str], list[str]] = {}
+    """Reasons that do not fit into their cells, equal ones together: ``EDSC e_MS: failed: ... (Dance+Yoga)``."""
+    rows_of: dict[tuple[str, str, str], list[str]] = {}
     for row, column, cell in table.cells():
-        if cell.measured is None and cell.reason != _short(cell.reason):
-            found.setdefault((column.label, column.metric.label, cell.reason), []).append(row.label)
-    return [f"{label} {metric}: {reason} ({', '.join(rows)})" for (label, metric, reason), rows in found.items()]
+        if cell.measured is None and cell.reason != _first_words(cell.reason):
+            rows_of.setdefault((column.label, column.metric.label, cell.reason), []).append(row.label)
+    return [f"{label} {metric}: {reason} ({', '.join(rows)})" for (label, metric, reason), rows in rows_of.items()]
 
 
 def _grid(table: Table) -> Grid:
@@ -70,9 +70,9 @@ def _grid(table: Table) -> Grid:
     for row in (*table.rows, *table.means):
         for i, (method, columns) in enumerate(table.methods.items()):
             cells = zip(table.columns, row.cells, strict=True)
-            found = {column.metric.shown: cell for column, cell in cells if column.method == method}
+            shown = {column.metric.shown: cell for column, cell in cells if column.method == method}
             line = [
-                t for name, metric in metrics.items() for t in _texts(metric, found.get(name), bool(table.published))
+                t for name, metric in metrics.items() for t in _texts(metric, shown.get(name), bool(table.published))
             ]
             last = i == len(table.methods) - 1
             grid.add_row(Text("" if i else row.label), Text(columns[0].label), *line, end_section=last)
@@ -80,7 +80,7 @@ def _grid(table: Table) -> Grid:
 
 
 def _texts(metric: TableMetric, cell: Cell | None, published: bool) -> list[Text]:
-    """What stands under a metric's headings; nothing for a method that the table does not hold to it."""
+    """The texts under a metric's headings; empty ones for a method that the table does not show it for."""
     if cell is None:
         return [Text("")] * (1 + 2 * published + bool(metric.beside) + metric.counted)
     line = [Text(cell.published or "")] * published
@@ -96,11 +96,11 @@ def _texts(metric: TableMetric, cell: Cell | None, published: bool) -> list[Text
 
 def _measured(cell: Cell) -> Text:
     if cell.measured is None:
-        return Text(_short(cell.reason), "yellow")
+        return Text(_first_words(cell.reason), "yellow")
     spread = f"±{number(cell.std, cell.digits)}×{cell.count}" if cell.std is not None else ""
     return Text(number(cell.measured, cell.digits) + spread, "bold" if cell.best else "")
 
 
-def _short(reason: str) -> str:
-    """The reason's first words; the whole stands below the table."""
+def _first_words(reason: str) -> str:
+    """The words before the first colon if they are short, a dash if not; the whole reason is below the table."""
     return reason.split(":")[0] if len(reason.split(":")[0]) <= 9 else "–"

@@ -1,7 +1,7 @@
-"""A table as Markdown, LaTeX, HTML, CSV and JSON, all from the one model; the same table gives the same bytes.
+"""A table as Markdown, LaTeX and HTML, and the list of all formats; the same table gives the same bytes.
 
-Text that comes from elsewhere (names, error messages) is escaped by the template engine itself, in every
-language: what is not :class:`~nrsfm.harness.record.text.Safe` cannot reach a file unescaped.
+The template engine escapes all text, such as names and error messages, unless it is
+:class:`~nrsfm.harness.record.text.Safe`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def markdown(table: Table) -> str:
 
 
 def glance(table: Table) -> str:
-    """The table at a glance alone, in GitHub Markdown: for a README."""
+    """The table at a glance in GitHub Markdown, for a document."""
     return _render(_MARKDOWN, "glance.md.j2", table)
 
 
@@ -64,12 +64,12 @@ def tex_audit(table: Table) -> str:
 
 
 def html(table: Table) -> str:
-    """A page of its own, nothing loaded from elsewhere, light and dark."""
+    """The table as a page of its own that loads nothing from elsewhere, light and dark."""
     return _render(_HTML, "table_page.html.j2", table, page=False)
 
 
 def html_environment() -> Environment:
-    """The templates' engine for HTML, which escapes all text, with the filters that write a cell."""
+    """The template engine for HTML with the filters that print a cell."""
     return _HTML
 
 
@@ -83,7 +83,7 @@ FORMATS: Mapping[str, Callable[[Table], str]] = MappingProxyType(
         ".json": json_text,
     }
 )
-"""What is written for each table: the file's name after the table's, and the writer."""
+"""The files of each table: the end of the name, and the function that renders it."""
 
 
 def measured(cell: Cell) -> str:
@@ -95,15 +95,15 @@ def measured(cell: Cell) -> str:
 
 
 def aside(cell: Cell, symbol: bool = True) -> str:
-    """What stands behind a measured number at a glance: `` (0.0456) ↓ 7/116``."""
-    said = [f"({cell.published})"] if cell.published is not None else []
+    """The text after a measured number at a glance: `` (0.0456) ↓ 7/116``."""
+    parts = [f"({cell.published})"] if cell.published is not None else []
     if cell.measured is not None:
-        said += [cell.verdict.symbol] * (symbol and cell.published is not None) + [wrong(cell)]
-    return "".join(f" {word}" for word in said if word)
+        parts += [cell.verdict.symbol] * (symbol and cell.published is not None) + [wrong(cell)]
+    return "".join(f" {word}" for word in parts if word)
 
 
 def verdict(cell: Cell, mean: bool = False) -> str:
-    """The verdict, with the reason where there is one; what a mean is taken over."""
+    """The verdict, with its reason where there is one; for a mean, the number of its rows."""
     if mean:
         return cell.reason
     return f"{cell.verdict.text}: {cell.reason}" if cell.reason else cell.verdict.text
@@ -172,7 +172,7 @@ def _environment(**syntax: Any) -> Environment:
         environment.filters[each.__name__] = each
     environment.filters |= {"tex_caption": _caption, "html_label": _label}
     environment.filters["identifier"] = lambda name: text.Safe(_identifier(name))
-    environment.filters["tex"] = environment.filters["trusted"] = text.Safe  # for what templates and layouts write
+    environment.filters["tex"] = environment.filters["trusted"] = text.Safe  # text of templates and layouts
     return environment
 
 

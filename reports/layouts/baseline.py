@@ -1,3 +1,5 @@
+"""The published numbers as a baseline of the gate."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,10 +13,10 @@ from nrsfm.reports.layouts.metrics import TableMetric
 
 
 def published(outcomes: Sequence[Outcome]) -> Baseline:
-    """The paper's numbers for the outcomes that have any, as a baseline of real data without noise.
+    """The published numbers of some outcomes, as a baseline of real data without noise.
 
-    A share of wrong tracks becomes a count of the outcome's tracks, and the published e_3d is held against
-    e_3d_dai, which it follows.
+    A share of wrong tracks becomes a number of tracks, and the published e_3d is compared with e_3d_dai, which it
+    follows. Outcomes without a published number have no row.
     """
     rows: dict[Any, Blessed] = {}
     for outcome in outcomes:
@@ -23,10 +25,10 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
             continue
         metrics: dict[str, float] = {}
         points = outcome.n_points
-        asked = outcome.parameters | {"method": {"name": outcome.method}, "cameras": {"source": outcome.cameras}}
+        settings = outcome.parameters | {"method": {"name": outcome.method}, "cameras": {"source": outcome.cameras}}
         for design in (layout for layout in LAYOUTS.values() if not layout.study):
             points = design.published_points(outcome.dataset) or points
-            method = design.method(asked)
+            method = design.method(settings)
             for metric in method.metrics or design.metrics:
                 text = design.printed(outcome.dataset, method, metric)
                 if text is not None and (not metric.counts or points):
@@ -42,5 +44,5 @@ def _published(metric: TableMetric, value: float, points: int) -> tuple[str, flo
 
 
 def wrong_tracks(share: float, points: int) -> int:
-    """The count behind a printed share of wrong tracks: .025 of 116 is 3."""
+    """Number of tracks of a published share: .025 of 116 is 3."""
     return round(share * points)

@@ -1,4 +1,4 @@
-"""What the reader of a table must know besides its numbers."""
+"""Notes that layouts print under their tables."""
 
 from __future__ import annotations
 

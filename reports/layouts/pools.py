@@ -1,4 +1,4 @@
-"""Rows that stand for many datasets, and which."""
+"""The rows that pool many datasets."""
 
 from __future__ import annotations
 

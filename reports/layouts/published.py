@@ -18,7 +18,7 @@ from nrsfm.harness.record.errors import UsageError
 
 @dataclass(frozen=True)
 class Source:
-    """How one file lays out its numbers.
+    """The layout of one file of published numbers.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Source:
     metric, value : str
         Long files: the columns that name the metric and hold the number.
     metrics : mapping
-        Wide files: metric -> the column that holds it.
+        Wide files: metric -> its column.
     methods : tuple of str
         Files with a column a method; every number is then ``metric``.
     points : str

@@ -1,6 +1,6 @@
-"""From trials and the runs that answer them to one table: published beside measured, with a verdict each.
+"""Builds the table of an experiment: published and measured numbers, each with a verdict.
 
-No error is computed here: numbers are logged metrics, their means over repeats, and their distance from the
+Errors are not computed here: numbers are logged metrics, their means over repeats, and their distance from the
 published ones.
 """
 
@@ -31,22 +31,22 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     Parameters
     ----------
     name : str
-        The experiment: picks the layout, and is the stem of the table's files.
+        The experiment: selects the layout, and is the stem of the table's files.
     answers : sequence of (Trial, Tracked or None)
-        What was asked, and the run that answers it; None if none does.
+        The trials of the experiment, and the run that answers each; None if no run does.
     design : Layout, optional
-        Takes the place of the experiment's own layout.
+        Replaces the experiment's own layout.
 
     Returns
     -------
     Table
-        The paper's rows in its order, asked for or not, then the others. Methods without a column of their own
-        get one on the right.
+        The paper's rows in its order, whether they have trials or not, then the others. Methods that the layout does
+        not have get columns on the right.
 
     Raises
     ------
     UsageError
-        If the name cannot be a file's.
+        If the name cannot be a file name.
     """
     if not name or not name.replace("_", "").replace("-", "").isalnum():
         raise UsageError(f"table name {one_line(name)!r} holds more than letters, digits, - and _")
@@ -66,9 +66,9 @@ Place = tuple[Method, Column]
 
 
 def _columns(design: Layout, answers: Grid) -> list[Place]:
-    """The paper's columns always; the audit's, and methods that no layout foresaw, where they were asked for."""
-    asked = {method.key for method in answers.methods}
-    methods = [method for method in design.methods if method.heading or method.key in asked]
+    """Columns with their methods: the paper's always, all others only where there are trials of them."""
+    present = {method.key for method in answers.methods}
+    methods = [method for method in design.methods if method.heading or method.key in present]
     methods += [method for method in answers.methods if method not in methods]
     return [
         (method, Column(method.key, method.label or method_label(method.name), method.heading, metric))
@@ -90,9 +90,9 @@ def _row(design: Layout, places: Sequence[Place], answers: Grid, key: RowKey) ->
 
 
 def _differing(settings: Iterable[Setting]) -> tuple[str, ...]:
-    """The fields in which some settings are not all alike."""
-    found = list(settings)
-    return tuple(name for name in Setting.__match_args__ if len({getattr(s, name) for s in found}) > 1)
+    """The fields in which settings differ."""
+    distinct = set(settings)
+    return tuple(name for name in Setting.__match_args__ if len({getattr(s, name) for s in distinct}) > 1)
 
 
 def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: Sequence[Answer]) -> Cell:
@@ -139,7 +139,7 @@ def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: 
 def _distance_cell(
     blank: Cell, design: Layout, method: Method, metric: TableMetric, group: Sequence[Answer], key: RowKey
 ) -> Cell:
-    """How far the runs of a pool are from what is printed for each of its datasets."""
+    """A cell with the distance between the runs of a pool and the published numbers of its datasets."""
     pairs: list[tuple[float, float]] = []
     for trial, run in group:
         printed = design.printed(trial.dataset["name"], method, metric)
@@ -159,7 +159,7 @@ def _distance_cell(
 
 
 def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: int | None, missing: str) -> Cell:
-    """Set the verdict, or the reason why there is none."""
+    """The cell with its verdict, or with the reason why it has none."""
     if cell.stand_in:
         return replace(cell, verdict=Verdict.STAND_IN, reason=missing)
     if missing:
@@ -176,7 +176,8 @@ def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: 
         return replace(cell, reason=f"measured on {cell.points} tracks, published on {published_points}")
     distance, scale = _distance(cell, metric)
     slack = metric.tolerance * scale + 1e-12
-    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if distance > 0 else Verdict.BETTER
+    worse = distance > 0 if metric.metric.better == "lower" else distance < 0
+    verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if worse else Verdict.BETTER
     return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
 
 
@@ -189,7 +190,7 @@ def _distance(cell: Cell, metric: TableMetric) -> tuple[float, float]:
 
 
 def _missing(run: Tracked | None, metric: TableMetric) -> str:
-    """Why a run gives no number; "" if it does."""
+    """Why a run has no number; "" if it has one."""
     if run is None:
         return "not run"
     outcome = run.outcome
@@ -209,29 +210,33 @@ def _mean(runs: Sequence[Tracked], name: str) -> float | None:
 
 
 def _mark(columns: tuple[Column, ...], cells: list[Cell]) -> tuple[Cell, ...]:
-    """Mark the lowest of each metric, ties at the printed precision too; alone in its row nothing is best.
+    """Mark the best number of each metric in a row, ties at the printed precision too; a lone number is not marked.
 
-    Distances from print rank the rows, so that no column of a row is marked.
+    Distances from published numbers are not marked: they rank the rows.
     """
     marked = list(cells)
     for metric in dict.fromkeys(column.metric for column in columns if not column.metric.distance):
         places = [i for i, column in enumerate(columns) if column.metric == metric]
-        for best in _lowest(cells, places):
-            marked[best] = replace(marked[best], best=True)
-        for best in _lowest(cells, [i for i in places if columns[i].heading]):
-            marked[best] = replace(marked[best], best_printed=True)
+        for i in _best(cells, places, metric):
+            marked[i] = replace(marked[i], best=True)
+        for i in _best(cells, [i for i in places if columns[i].heading], metric):
+            marked[i] = replace(marked[i], best_printed=True)
     return tuple(marked)
 
 
-def _lowest(cells: Sequence[Cell], places: Sequence[int]) -> list[int]:
+def _best(cells: Sequence[Cell], places: Sequence[int], metric: TableMetric) -> list[int]:
+    """Places of the best cells; none for a metric in which no number is better, or for a lone number."""
+    choose = {"lower": min, "higher": max}.get(metric.metric.better)
     values = {i: round(cell.measured, cell.digits) for i in places if (cell := cells[i]).measured is not None}
-    return [i for i, value in values.items() if value == min(values.values())] if len(values) > 1 else []
+    if choose is None or len(values) < 2:
+        return []
+    return [i for i, value in values.items() if value == choose(values.values())]
 
 
 def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...]:
     """A row of column means for each kind of data and setting.
 
-    Taken over the rows that every measured column has a number on, so that columns compare; two rows at least.
+    The mean is over the rows in which every measured column has a number, so that columns compare; at least two rows.
     """
     kinds: dict[tuple[bool, Setting], list[Row]] = {}
     for row in rows:

@@ -1,36 +1,23 @@
-"""Sorts answers into rows and columns: which runs may be averaged, and which may not stand in one cell."""
+"""Sorts answers into the rows and columns of a table, and decides which runs may be averaged in a cell."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Protocol
 
-from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.harness.record.outcome import OK
 from nrsfm.harness.record.text import one_line
-from nrsfm.harness.record.tracked import Answer
+from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.harness.record.trial import Trial, digest, gap_words
 from nrsfm.reports.layouts.layout import Layout, Method, scene_words, setting_text
 from nrsfm.reports.tables.model import Setting
-
-
-class Tracked(Protocol):
-    """A run that the tracker knows."""
-
-    @property
-    def outcome(self) -> Outcome: ...
-    @property
-    def run_id(self) -> str: ...
-    @property
-    def uri(self) -> str: ...
-
 
 Place = tuple[str, Setting]
 
 
 @dataclass(frozen=True)
 class RowKey:
-    """Real data and stand-ins never share a row, and neither do two settings."""
+    """What the runs of a row have in common: the dataset, the setting, and real or generated data."""
 
     dataset: str
     setting: Setting
@@ -39,7 +26,7 @@ class RowKey:
 
 @dataclass
 class Grid:
-    """Answers by row and method's key, rows in the order of the table, and the methods in the order of asking."""
+    """Answers by row and by the key of their method; rows in the table's order, methods in the order of the trials."""
 
     rows: dict[RowKey, dict[str, list[Answer]]]
     methods: tuple[Method, ...]
@@ -55,9 +42,9 @@ def grid(answers: Sequence[Answer], design: Layout) -> Grid:
     Parameters
     ----------
     answers : sequence of (Trial, Tracked or None)
-        What was asked, and the run that answers it.
+        Trials, and the run that answers each.
     design : Layout
-        The paper's rows all appear, asked for or not, before any other.
+        All of its rows appear before any other, whether they have trials or not.
 
     Returns
     -------
@@ -85,21 +72,21 @@ def grid(answers: Sequence[Answer], design: Layout) -> Grid:
 
 
 def repeats(answers: Sequence[Answer], pooled: bool = False) -> list[list[Answer]]:
-    """Answers of one cell by what was asked, the noise's repeat aside: only those of one group may be averaged.
+    """Answers of one cell in groups that differ in the noise's repeat alone: only those of one group may be averaged.
 
-    In a pooled row the dataset does not set them apart either.
+    In a pooled row the answers of a group differ in the dataset, too.
     """
     groups: dict[str, dict[str, Answer]] = {}
     for trial, run in sorted(answers, key=lambda answer: answer[1] is None):
-        asked = asdict(trial) | {"noise": {k: v for k, v in trial.noise.items() if k != "repeat"}}
+        settings = asdict(trial) | {"noise": {k: v for k, v in trial.noise.items() if k != "repeat"}}
         if pooled:
-            del asked["dataset"]
-        groups.setdefault(digest(asked), {}).setdefault(trial.setting, (trial, run))
+            del settings["dataset"]
+        groups.setdefault(digest(settings), {}).setdefault(trial.setting, (trial, run))
     return [list(group.values()) for group in groups.values()]
 
 
 def _kinds(answers: Sequence[Answer], places: Sequence[Place]) -> tuple[set[Place], set[Place]]:
-    """Places with finished runs on real data, and on generated data."""
+    """Places with finished runs on real data, and places with runs on generated data."""
     real, generated = set(), set()
     for (_, run), place in zip(answers, places, strict=True):
         if run is not None and run.outcome.stand_in:
@@ -110,14 +97,14 @@ def _kinds(answers: Sequence[Answer], places: Sequence[Place]) -> tuple[set[Plac
 
 
 def _stand_in(run: Tracked | None, only: bool) -> bool:
-    """A run that never finished may not know its data; it goes with the others of its row."""
+    """Whether a run is on generated data; one that did not finish may not know, and goes with its row."""
     if run is not None and (run.outcome.stand_in or run.outcome.status == OK):
         return run.outcome.stand_in
     return only
 
 
 def _place(trial: Trial, design: Layout) -> Place:
-    """The dataset and the setting of a trial, without what tells columns apart."""
+    """The dataset and the setting of a trial, without the settings in which columns differ."""
     cameras = one_line(trial.cameras.get("source", "known"))
     return one_line(trial.dataset["name"]), Setting(
         cameras="" if "cameras.source" in design.column_settings else cameras,

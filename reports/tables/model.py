@@ -1,4 +1,4 @@
-"""The one table model. Every format is written from it and nothing else."""
+"""A table as data: rows, columns, cells, notes and tests. Every format is written from it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nrsfm.reports.layouts.metrics import TableMetric
 
 
 class Verdict(StrEnum):
-    """What a measured number says about the published one. Better and worse are both not reproduced."""
+    """The verdict of a measured number on the published one. Better and worse are both not reproduced."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
@@ -27,7 +27,7 @@ class Verdict(StrEnum):
 
     @property
     def symbol(self) -> str:
-        """Errors: an arrow down is an error below the published one."""
+        """One character; an arrow down is an error below the published one."""
         return {"reproduced": "✓", "better": "↓", "worse": "↑", "stand-in": "◇"}.get(self, "○")
 
 
@@ -36,20 +36,20 @@ LEGEND = ", ".join(f"{v.symbol} {v.text}" for v in Verdict)
 
 @dataclass(frozen=True)
 class Setting:
-    """What the rows of one table share, or else differ in.
+    """The setting of a row: what the rows of a table have in common or differ in.
 
     Parameters
     ----------
     cameras, placement, motion : str
         The scene's choices; "" where columns differ in them.
     scene : str
-        Whatever else of the scene is not as it is by default.
+        Other settings of the scene that are not the defaults.
     level : float
         Noise, as a share of the largest image coordinate.
     gaps : str
         Observations dropped: kind and share.
     bodies : int, "auto" or None
-        Clusters asked for, where that is not the scene's number.
+        Number of clusters, where it is not the scene's number of bodies.
     """
 
     cameras: str = "known"
@@ -61,30 +61,30 @@ class Setting:
     bodies: int | str | None = None
 
     def words(self, names: tuple[str, ...] = ()) -> str:
-        """``cameras known, placement paper, ...``; all of it, or the named fields."""
-        said = []
+        """``cameras known, placement paper, ...``: all fields, or those with the given names."""
+        parts = []
         for f in fields(self):
             value = getattr(self, f.name)
             if names and f.name not in names:
                 continue
             if f.name == "level":
-                said.append(f"noise {value:g}" if value else "no noise")
+                parts.append(f"noise {value:g}" if value else "no noise")
             elif f.name == "gaps" and names and not value:
-                said.append("no gaps")
+                parts.append("no gaps")
             elif value not in (None, ""):
-                said.append(value if f.name == "scene" else f"{f.name} {value}")
-        return ", ".join(said)
+                parts.append(value if f.name == "scene" else f"{f.name} {value}")
+        return ", ".join(parts)
 
     @property
     def unusual(self) -> str:
-        """:meth:`words` of what is not as it is by default."""
+        """:meth:`words` of the fields that are not the defaults."""
         names = tuple(f.name for f in fields(self) if getattr(self, f.name) not in (f.default, ""))
         return self.words(names) if names else ""
 
 
 @dataclass(frozen=True)
 class Run:
-    """Where a number comes from: the tracker's run, the trial, and the run's address on a tracking server."""
+    """The source of a number: the tracker's run, the trial, and the run's address on a tracking server."""
 
     run_id: str
     trial_key: str
@@ -92,7 +92,7 @@ class Run:
 
     @classmethod
     def at(cls, uri: str, run_id: str, trial_key: str) -> Run:
-        """A run in the store at ``uri``; only a server's address makes a link, and never with its password."""
+        """A run in the store at ``uri``, with a link if that is a server; the link never holds its password."""
         run_id, trial_key = one_line(run_id), one_line(trial_key)
         try:
             parts = urlsplit(uri)
@@ -106,7 +106,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Cell:
-    """One method's answer to one metric on one row.
+    """The number of one method for one metric in one row.
 
     Parameters
     ----------
@@ -121,13 +121,13 @@ class Cell:
     difference : float or None
         Measured minus published, in the metric's unit.
     verdict, reason : Verdict, str
-        The reason says why there is no number, or why there is no verdict.
+        Why there is no number, or no verdict.
     best, best_printed : bool
-        Lowest of the row, ties too: among all columns, and among the paper's.
+        Best of the row, ties too: among all columns, and among the paper's.
     stand_in : bool
         Measured on generated data.
     runs : tuple of Run
-        The runs that answer; in rows that pool datasets they stand with the table's parts.
+        The runs behind the number; for rows that pool datasets they are in the table's parts.
     digits : int
         Decimals that are printed.
     """
@@ -173,7 +173,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Note:
-    """A line under the table. Loud ones change what the numbers mean and stand on top."""
+    """A line under the table. A loud note changes how to read the numbers and is printed above the table."""
 
     text: str
     loud: bool = False
@@ -220,7 +220,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with everything that any of its formats shows.
+    """A table with everything that its formats print.
 
     Parameters
     ----------
@@ -235,9 +235,9 @@ class Table:
     notes : tuple of Note
         Loud ones first.
     parts : Table or None
-        Where rows pool datasets: the same answers with a row for each dataset.
+        For rows that pool datasets: the same answers with a row for each dataset.
     study : bool
-        Of candidates, which claim nothing.
+        Whether the columns are candidates, which claim to reproduce nothing.
     tests : tuple of Paired
         Ours against each method over the rows.
     """
@@ -265,14 +265,14 @@ class Table:
     @property
     def methods(self) -> Mapping[str, tuple[Column, ...]]:
         """The columns of every method, left to right."""
-        found: dict[str, tuple[Column, ...]] = {}
+        by_method: dict[str, tuple[Column, ...]] = {}
         for column in self.columns:
-            found[column.method] = (*found.get(column.method, ()), column)
-        return found
+            by_method[column.method] = (*by_method.get(column.method, ()), column)
+        return by_method
 
     @property
     def printed(self) -> bool:
-        """Whether a paper prints this table, in columns of its own."""
+        """Whether a paper prints this table."""
         return any(column.heading for column in self.columns)
 
     @property
@@ -287,36 +287,36 @@ class Table:
 
     @property
     def verdicts(self) -> Counter[Verdict]:
-        """How many cells got which verdict."""
+        """Number of cells by verdict."""
         return Counter(cell.verdict for _, _, cell in self.cells())
 
     @property
     def counts(self) -> tuple[int, int, int, int, int]:
         """Published numbers: all, reproduced, better, worse, not judged."""
         verdicts = self.verdicts
-        judged = tuple(verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
-        return (self.published, *judged, self.published - sum(judged))  # type: ignore[return-value]
+        reproduced, better, worse = (verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        return self.published, reproduced, better, worse, self.published - reproduced - better - worse
 
     @property
     def published(self) -> int:
-        """How many published numbers there are to compare with."""
+        """Number of cells with a published number."""
         return sum(cell.published is not None for _, _, cell in self.cells())
 
     @property
     def summary(self) -> str:
-        """One line: how many of the published numbers were reproduced, and what became of the others."""
+        """One line: how many published numbers were reproduced, not reproduced, and not judged."""
         cells = [cell for _, _, cell in self.cells()]
         printed, reproduced, better, worse, rest = self.counts
-        said = [
+        parts = [
             f"{reproduced} of {printed} published numbers reproduced",
             f"{better + worse} not ({better} better, {worse} worse)",
             f"{rest} not judged",
         ]
         if self.study and printed:
-            said = [f"{reproduced} of {printed} candidates' numbers as published"]
+            parts = [f"{reproduced} of {printed} candidates' numbers as published"]
         elif not printed:
-            said = ["no published numbers"]
-        said.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
+            parts = ["no published numbers"]
+        parts.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
         if stand_ins := sum(cell.stand_in and cell.measured is not None for cell in cells):
-            said.append(f"{stand_ins} of them on stand-ins and not compared")
-        return f"{self.title}: " + ", ".join(said) + "."
+            parts.append(f"{stand_ins} of them on stand-ins and not compared")
+        return f"{self.title}: " + ", ".join(parts) + "."

@@ -1,4 +1,4 @@
-"""The notes under a table: its setting, what its columns mean, and whatever changes how to read its numbers."""
+"""The notes of a table: its setting, the meaning of its columns, and warnings that change how to read it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nrsfm.reports.tables.grid import Grid
 from nrsfm.reports.tables.model import Column, Note, Row
 
 NOT_SETTINGS = ("name", "bodies", "scene", "file", "placement", "motion", "repeat", "level", "source")
-"""Keys of a configuration that stand elsewhere in the table, or only say where data lies."""
+"""Keys of a configuration that are printed elsewhere in the table, or only locate data."""
 
 
 STAND_IN = (
@@ -53,24 +53,24 @@ def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...]
     yield from _environments({outcome.key: outcome for outcome in runs if outcome.status == OK})
     alike: dict[str, list[str]] = {}
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
-        if said := _differing([(row.label, _flat(t.method)) for row, t in _asked(rows, answers, method)]):
-            alike.setdefault("; ".join(said), []).append(label)
+        if differences := _differing([(row.label, _flat(t.method)) for row, t in _trials(rows, answers, method)]):
+            alike.setdefault("; ".join(differences), []).append(label)
     for settings, labels in alike.items():
         yield Note(f"{'; '.join(labels)}: NOT ONE SETTING FOR ALL ROWS: {settings}.", loud=True)
 
 
 def _environments(runs: Mapping[str, Outcome]) -> Iterator[Note]:
-    """What of their environments runs differ in; what a record does not say is no difference."""
-    held: dict[str, Counter[str]] = {}
+    """A note on the environment fields in which runs differ; a field that a record lacks is no difference."""
+    fields: dict[str, Counter[str]] = {}
     for outcome in runs.values():
-        said = dict(outcome.environment)
-        for package in filter(None, said.pop("packages", "").split(", ")):  # each column has its own
+        environment = dict(outcome.environment)
+        for package in filter(None, environment.pop("packages", "").split(", ")):
             name, _, rest = package.partition(" ")
-            said[f"package {name}"] = rest
-        for name, value in said.items():
+            environment[f"package {name}"] = rest
+        for name, value in environment.items():
             if name in (*MACHINE, *COMPUTES, *STATE) or name.startswith("package "):
-                held.setdefault(name, Counter())[one_line(value[:12] if name == "commit" else value, 60)] += 1
-    differ = {one_line(name, 60): values for name, values in held.items() if len(values) > 1}
+                fields.setdefault(name, Counter())[one_line(value[:12] if name == "commit" else value, 60)] += 1
+    differ = {one_line(name, 60): values for name, values in fields.items() if len(values) > 1}
     if differ:
         words = (f"{k} = {' | '.join(f'{v} ({n})' for v, n in c.items())}" for k, c in differ.items())
         yield Note(
@@ -81,7 +81,7 @@ def _environments(runs: Mapping[str, Outcome]) -> Iterator[Note]:
 
 
 def _settings(answers: Grid) -> Iterator[Note]:
-    """The scene: one sentence if the rows share it."""
+    """Notes on the settings, scenes, cameras and noise that the rows share."""
     trials = [trial for cells in answers.rows.values() for group in cells.values() for trial, _ in group]
     if len(answers.settings) == 1 and trials:
         yield Note(f"Setting: {answers.settings[0].words()}.")
@@ -95,7 +95,7 @@ def _settings(answers: Grid) -> Iterator[Note]:
 
 
 def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
-    """The parameters that a method has in every row."""
+    """A note for each method: the parameters that it has in every row."""
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
         trials: list[Trial] = [trial for cells in answers.rows.values() for trial, _ in cells.get(method, [])]
         if shared := _shared([_flat(trial.method) for trial in trials]):
@@ -103,10 +103,11 @@ def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
 
 
 def _meaning(metric: TableMetric, published: bool) -> Iterator[str]:
+    """What the number of a metric is, and when it counts as reproduced."""
     if metric.beside and metric.metric.remark:
         yield metric.metric.remark
     if metric.distance:
-        return  # the caption says
+        return  # the caption explains it
     if metric.pool:
         yield f"{metric.label} is the {metric.pool} of {metric.logged} over the datasets of a row, in per cent."
     if published and metric.percent:
@@ -132,8 +133,8 @@ def _flat(group: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _asked(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:
-    """What was asked of a method, row by row; a table's rows stand in the grid's order."""
+def _trials(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:
+    """The trials of a method with their rows; the rows of a table are in the order of the grid."""
     for row, cells in zip(rows, answers.rows.values(), strict=True):
         for trial, _ in cells.get(method, []):
             yield row, trial
@@ -141,18 +142,19 @@ def _asked(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[
 
 def _differing(groups: list[tuple[str, dict[str, str]]]) -> list[str]:
     """``rank = 3 (Dance+Yoga) | 5 (7 rows)`` for every setting that is not the same on all rows."""
-    said = []
+    differences = []
     for name in dict.fromkeys(name for _, group in groups for name in group):
         rows: dict[str, dict[str, None]] = {}
         for label, group in groups:
             rows.setdefault(group.get(name, "unset"), {})[label] = None
         if len(rows) > 1:
             places = {v: ", ".join(where) if len(where) < 4 else f"{len(where)} rows" for v, where in rows.items()}
-            said.append(f"{name} = " + " | ".join(f"{value} ({where})" for value, where in places.items()))
-    return said
+            differences.append(f"{name} = " + " | ".join(f"{value} ({where})" for value, where in places.items()))
+    return differences
 
 
 def _shared(groups: list[dict[str, str]]) -> str:
+    """``rank = 3, share = 0.7``: the settings that all groups have alike."""
     if not groups:
         return ""
     return ", ".join(f"{k} = {v}" for k, v in groups[0].items() if all(group.get(k) == v for group in groups))

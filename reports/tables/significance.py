@@ -1,4 +1,4 @@
-"""Is ours better than a baseline over the pairs, or was it luck? Wilcoxon's signed-rank test, corrected by Holm."""
+"""Paired tests of ours against each baseline over the rows: Wilcoxon's signed-rank test, corrected by Holm."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nrsfm.reports.tables.model import Column, Paired, Row, Setting
 
@@ -13,11 +14,11 @@ OURS = "ours"
 
 
 FEWEST = 5
-"""Rows below which no outcome could be significant."""
+"""With fewer rows no outcome could be significant."""
 
 
 EXACT = 12
-"""Rows up to which every assignment of signs is counted, ties and zeros too."""
+"""Up to so many rows the p-value is exact: every assignment of signs is counted, ties and zeros too."""
 
 
 def paired_tests(columns: Sequence[Column], rows: Sequence[Row]) -> tuple[Paired, ...]:
@@ -29,31 +30,32 @@ def paired_tests(columns: Sequence[Column], rows: Sequence[Row]) -> tuple[Paired
     for row in rows:
         if not row.stand_in:
             settings.setdefault(row.setting, []).append(row)
-    found: list[Paired] = []
+    tests: list[Paired] = []
     for setting, members in settings.items():
-        said = setting.words(("cameras", "level")) if len(settings) > 1 else ""
+        words = setting.words(("cameras", "level")) if len(settings) > 1 else ""
         for metric in dict.fromkeys(column.metric for column in columns):
-            family = list(_family([c for c in columns if c.metric == metric], columns, members, said))
-            found += holm(family)
-    return tuple(found)
+            tests += holm(_family([c for c in columns if c.metric == metric], columns, members, words))
+    return tuple(tests)
 
 
-def _family(own: Sequence[Column], columns: Sequence[Column], rows: Sequence[Row], said: str) -> Iterator[Paired]:
-    places = {column.method: columns.index(column) for column in own}
+def _family(
+    compared: Sequence[Column], columns: Sequence[Column], rows: Sequence[Row], setting: str
+) -> Iterator[Paired]:
+    places = {column.method: columns.index(column) for column in compared}
     if OURS not in places:
         return
-    for column in own:
+    for column in compared:
         if column.method == OURS:
             continue
         pairs = [(row.cells[places[OURS]].measured, row.cells[places[column.method]].measured) for row in rows]
-        differences = np.array([mine - theirs for mine, theirs in pairs if mine is not None and theirs is not None])
+        differences = np.array([ours - other for ours, other in pairs if ours is not None and other is not None])
         if len(differences) < FEWEST:
             continue
         yield Paired(
             method=column.method,
             label=column.label,
             metric=column.metric.label,
-            setting=said,
+            setting=setting,
             rows=len(differences),
             better=int((differences < 0).sum()),
             worse=int((differences > 0).sum()),
@@ -62,7 +64,7 @@ def _family(own: Sequence[Column], columns: Sequence[Column], rows: Sequence[Row
         )
 
 
-def signed_rank(differences: np.ndarray) -> float:
+def signed_rank(differences: NDArray[np.float64]) -> float:
     """Two-sided p-value of Wilcoxon's signed-rank test, zeros by Pratt's rule; exact for :data:`EXACT` rows and fewer.
 
     Parameters

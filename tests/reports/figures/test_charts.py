@@ -13,7 +13,7 @@ from nrsfm.harness.evaluate.metric import needed
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.reports.figures.affinity import picture
 from nrsfm.reports.figures.chart import Chart
-from nrsfm.reports.figures.charts import FIGURES, charts
+from nrsfm.reports.figures.charts import CHARTS, build_charts
 from nrsfm.reports.figures.draw_chart import chart_figure
 from nrsfm.reports.figures.draw_run import save
 from nrsfm.reports.figures.page_data import Blobs
@@ -37,7 +37,7 @@ def noisy(**more: Any) -> list[Any]:
 
 
 def one(name: str, answers: dict[str, Any], fetch: Any = no_arrays) -> Chart:
-    (chart,) = [chart for chart in charts(answers, fetch) if chart.name == name]
+    (chart,) = [chart for chart in build_charts(answers, fetch) if chart.name == name]
     return chart
 
 
@@ -54,7 +54,7 @@ def test_noise_lines_are_means_with_the_spread_over_draws() -> None:
 
 
 def test_one_level_is_no_noise_figure() -> None:
-    assert charts({"noise": [make_answer("dance_yoga", "ours", 0, e_3d=0.1)]}, no_arrays) == []
+    assert build_charts({"noise": [make_answer("dance_yoga", "ours", 0, e_3d=0.1)]}, no_arrays) == []
 
 
 def test_failed_and_absent_runs_are_not_drawn() -> None:
@@ -120,5 +120,5 @@ def test_the_page_gets_the_same_numbers() -> None:
 
 
 def test_the_catalogue_names_each_figure_once_an_experiment() -> None:
-    names = [(figure.name, pattern) for figure in FIGURES for pattern in figure.experiments]
+    names = [(figure.name, pattern) for figure in CHARTS for pattern in figure.experiments]
     assert len(names) == len(set(names))

@@ -56,7 +56,7 @@ def test_wrong_tracks_alone_are_crossed(arrays: dict[str, NDArray[Any]], outcome
     assert len(np.asarray(crosses.get_offsets())) == 2
     drawn = {tuple(np.round(c.get_facecolor()[0][:3], 2)) for c in figure.axes[1].collections[1:3]}
     assert len(drawn) == 2
-    assert "2 of 30 tracks wrong" in figure.get_suptitle()
+    assert "wrong 2/30" in figure.get_suptitle()
 
 
 def test_absent_parts_are_not_drawn(arrays: dict[str, NDArray[Any]], outcome: Outcome) -> None:

@@ -81,7 +81,7 @@ class TestRows:
             for trial, run in answers
         ]
         found = cell(build("some", changed, SOME), "2", "ssc_raw", "mean")
-        assert (found.verdict, found.difference) == (verdict, pytest.approx(mean - 1.52))
+        assert found.verdict is verdict and found.difference == pytest.approx(mean - 1.52)
 
     def test_a_row_that_is_not_whole_gets_no_verdict(self, answers: Runs) -> None:
         found = cell(build("some", answers[1:], SOME), "2", "ssc_raw", "mean")

@@ -98,7 +98,7 @@ class TestDetails:
         turn = np.diag([-1.0, -1.0, 1.0])
         turned = arrays | {"structure": turn @ arrays["structure"], "alignment": turn}
         run = tracked("dance_yoga")
-        found = [details([run], shown.__getitem__, [run.outcome.key]) for shown in ({run: arrays}, {run: turned})]
+        found = [details([run], fetch, [run.outcome.key]) for fetch in (lambda _: arrays, lambda _: turned)]
         first, second = (unpack(b.held[told[run.outcome.key]["view"]["found"]]) for told, b in found)
         np.testing.assert_allclose(first, second, atol=1e-6)
 
