@@ -4,8 +4,8 @@ A source is a module with two functions, ``load(settings, folder)``, which retur
 ``digest(settings, folder)``, which returns the identity of the data in one line without making the scene. ``folder`` is
 the data folder. ``settings["stand_in"]`` is true if generated bodies may take the place of files that are not there.
 
-The project's own sources are listed in :data:`SOURCES`. Others are modules ``datasets/NAME.py``, or modules of installed
-packages under the entry point group ``nrsfm.datasets``, ``NAME = "package.module"``.
+The project's own sources are listed in :data:`SOURCES`. Others are modules ``datasets/NAME.py``, or modules of
+installed packages under the entry point group ``nrsfm.datasets``, ``NAME = "package.module"``.
 """
 
 from __future__ import annotations

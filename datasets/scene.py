@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, Body, centre, no_edges, observed, spread, upright
 from nrsfm.datasets.cameras import orbit, project
-from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 from nrsfm.datasets.gaps import drop
 from nrsfm.datasets.noise import add_noise
 
@@ -23,7 +23,7 @@ SCALES = ("sequence", "cut", "stored")
 
 @dataclass(frozen=True)
 class Scene:
-    """What a trial works on: 2D tracks, and the truth where it is known.
+    """Input of a trial: 2D tracks, and the true structure, cameras and labels where they are known.
 
     Parameters
     ----------
@@ -36,21 +36,21 @@ class Scene:
     labels : (P,) int array or None
         Index of each track's body.
     structure : (F, 3, P) array or None
-        True points, centred per frame; NaN where a point was not captured.
+        True 3D points, centred per frame; NaN where a point was not captured.
     cameras : (F, 2, 3) array or None
         Orthographic cameras with orthonormal rows.
     visible : (F, P) bool array or None
-        False where a track is not observed, and its position is NaN; None when all are.
+        False where a track is not observed and its position is NaN; None if all are observed.
     edges : (E, 2) int array
         Bones or surface neighbours.
     digest : str
         Hash of the data files (or of the generator's settings) behind the scene.
     stand_in : bool
-        True when generated bodies take the place of real sequences that were not found.
+        Whether generated bodies take the place of real sequences that were not found.
     track_ids, frame_ids : tuple of str
-        What the source calls its tracks and frames, one name each; empty where it does not.
+        Names of the source for its tracks and frames; empty if it has none.
     notes : tuple of str
-        What was done to the source's numbers that a reader must know.
+        Changes to the source's numbers that a reader must know.
 
     Raises
     ------
@@ -109,11 +109,11 @@ class Scene:
 
     @property
     def n_frames(self) -> int:
-        return self.tracks.shape[0]
+        return len(self.tracks)
 
     @property
     def n_points(self) -> int:
-        return self.tracks.shape[2]
+        return int(self.tracks.shape[2])
 
     @property
     def n_bodies(self) -> int | None:
@@ -125,7 +125,7 @@ class Scene:
         return replace(self, tracks=add_noise(self.tracks, level, repeat, self.name))
 
     def with_gaps(self, kind: str, share: float, length: int = 1, repeat: int = 0) -> Scene:
-        """A copy with a share of the observations dropped (see :func:`nrsfm.datasets.gaps.drop`); the truth stays whole."""
+        """A copy without a share of the observations (see :func:`nrsfm.datasets.gaps.drop`); the truth stays whole."""
         visible = drop(self.tracks, kind, share, length, repeat, self.name)
         if visible.all():
             return self
@@ -133,7 +133,7 @@ class Scene:
 
 
 def offset(placement: str | Sequence[float]) -> Array:
-    """The step between consecutive bodies: ``paper`` [0, 4, 0], ``intersecting`` zero, or three numbers."""
+    """Step from each body to the next, (3,): ``paper`` [0, 4, 0], ``intersecting`` zero, or three numbers."""
     if isinstance(placement, str):
         if placement not in PLACEMENTS:
             names = ", ".join(PLACEMENTS)
@@ -234,20 +234,20 @@ def compose(
     Raises
     ------
     DatasetError
-        If there is no body, the placement is unknown, a body to be turned is not there, or fewer frames exist than
-        asked for.
+        If there is no body, the placement is unknown, a body to be turned is not in the scene, or there are fewer
+        frames than ``n_frames``.
     """
     if not bodies:
         raise DatasetError("dataset.bodies is empty, wanted at least one body")
     turned = _turned(turn_upright, [body.name for body in bodies])
     if scale not in SCALES:
         raise DatasetError(f"dataset.scale is {scale!r}, wanted one of {', '.join(SCALES)}")
-    if isinstance(degrees_per_frame, bool) or not isinstance(degrees_per_frame, int | float):
+    if not is_number(degrees_per_frame):
         raise DatasetError(f"dataset.degrees_per_frame is {degrees_per_frame!r}, wanted a number")
     step = offset(placement)
     shortest = min(b.n_frames for b in bodies)
-    if n_frames is not None and not 2 <= n_frames <= shortest:
-        raise DatasetError(f"dataset.frames is {n_frames}, but the bodies allow 2..{shortest}")
+    if n_frames is not None:
+        check_whole("dataset.frames", n_frames, 2, shortest, " for these bodies")
     parts = []
     for k, body in enumerate(bodies):
         S = centre(upright(body.structure, body.vertical) if body.name in turned else body.structure)
@@ -267,7 +267,7 @@ def captured(
     Parameters
     ----------
     bodies : sequence of Body
-        One or more, of one length; what was not captured is a gap in the tracks.
+        One or more, of one length. Points that were not captured are gaps in the tracks.
     name : str, optional
         Scene name; the bodies' names joined by ``_`` by default.
     turn_upright : bool
@@ -294,7 +294,7 @@ def captured(
 
 
 def _film(bodies: Sequence[Body], parts: Sequence[Array], name: str | None, degrees_per_frame: float) -> Scene:
-    """The scene of bodies in their places, (F, 3, P) each, before the orbiting camera."""
+    """The scene of bodies, with their points (F, 3, P) where they stand, before the orbiting camera."""
     structure = np.concatenate(parts, axis=2)
     title = name or "_".join(b.name for b in bodies)
     visible = observed(structure)
@@ -318,13 +318,13 @@ def _film(bodies: Sequence[Body], parts: Sequence[Array], name: str | None, degr
     )
 
 
-def _turned(asked: bool | Sequence[str], names: Sequence[str]) -> Sequence[str]:
+def _turned(setting: bool | Sequence[str], names: Sequence[str]) -> Sequence[str]:
     """The names of the bodies that are turned upright."""
-    if isinstance(asked, bool):
-        return names if asked else ()
-    if isinstance(asked, str) or not isinstance(asked, Sequence) or not set(asked) <= set(names):
-        raise DatasetError(f"dataset.upright is {asked!r}, wanted true, false, or some of {list(names)}")
-    return asked
+    if isinstance(setting, bool):
+        return names if setting else ()
+    if isinstance(setting, str) or not isinstance(setting, Sequence) or not set(setting) <= set(names):
+        raise DatasetError(f"dataset.upright is {setting!r}, wanted true, false, or some of {list(names)}")
+    return setting
 
 
 def _check_gaps(name: str, W: Array, visible: NDArray[np.bool_]) -> None:

@@ -1,4 +1,4 @@
-"""Public files: where they are found, what they must be, and how they are fetched."""
+"""Catalogue of the public data files, their checksums, and their download."""
 
 from __future__ import annotations
 
@@ -22,10 +22,24 @@ CONNECT_SECONDS, READ_SECONDS, RETRIES, CHUNK = 4.0, 30.0, 1, 1 << 16
 
 @dataclass(frozen=True)
 class File:
-    """One public file: its place in the data folder (``group/name``), where to download it, and what it must be.
+    """One public file.
 
-    ``sha256`` is in hex digits, ``size`` in bytes; ``terms`` is what its authors allow, ``source`` what to cite,
-    ``aliases`` other words for it, such as the name of the sequence it holds.
+    Parameters
+    ----------
+    path : str
+        Its place in the data folder, ``group/name``.
+    url : str
+        Where it is downloaded from.
+    sha256 : str
+        In hex digits.
+    size : int
+        In bytes.
+    terms : str
+        What its authors allow.
+    source : str
+        What to cite.
+    aliases : tuple of str
+        Other words for it, such as the name of the sequence that it holds.
     """
 
     path: str
@@ -42,13 +56,13 @@ class File:
 
     @property
     def words(self) -> set[str]:
-        """What a user may call it: its group, its path, its name with and without the suffix, its aliases."""
+        """Words that select the file: its group, its path, its name with and without the suffix, its aliases."""
         name = PurePosixPath(self.path)
         return {self.group, self.path, name.name, name.stem, *self.aliases}
 
 
 def listed(group: str, url: str, terms: str, source: str, table: str) -> list[File]:
-    """Files of one place, terms and citation; the table has a line each: name size sha256 [name there [alias ...]]."""
+    """Files of one folder of a server; each line of the table is ``name size sha256 [name there [alias ...]]``."""
     files = []
     for line in table.strip().splitlines():
         name, size, digest, *rest = line.split()
@@ -137,14 +151,14 @@ CATALOGUE: Mapping[str, File] = {
 }
 
 
-#: Groups that are fetched when they are named; the others hold what the paper's tables need.
+#: Groups that are fetched only when they are named; the paper's tables need the others.
 ON_REQUEST = frozenset({"hopkins155", "c3d"})
 
 
 State = tuple[File, str]
 
 
-Progress = Callable[[File, int], None]  # told, now and then, the file and how many of its bytes have come
+Progress = Callable[[File, int], None]  # called with the file and the number of its bytes that have come
 
 
 def select(names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[File]:
@@ -155,13 +169,13 @@ def select(names: Iterable[str] = (), catalogue: Mapping[str, File] | None = Non
     DatasetError
         If a name fits no file.
     """
-    held = list((CATALOGUE if catalogue is None else catalogue).values())
+    files = list((CATALOGUE if catalogue is None else catalogue).values())
     wanted = list(names)
     for name in wanted:
-        if not any(name in file.words for file in held):
-            groups = ", ".join(sorted({file.group for file in held})) or "none"
+        if not any(name in file.words for file in files):
+            groups = ", ".join(sorted({file.group for file in files})) or "none"
             raise DatasetError(f"{name!r} is no file of the catalogue (groups: {groups}); see 'nrsfm data list'")
-    return [file for file in held if not wanted or file.words.intersection(wanted)]
+    return [file for file in files if not wanted or file.words.intersection(wanted)]
 
 
 def sha256(path: Path) -> str:
@@ -185,15 +199,16 @@ def _sha256(path: str, mtime_ns: int, size: int) -> str:
 
 
 def status(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
-    """Each file and whether it is present, absent or changed, by its size alone; :func:`verify` reads it."""
+    """Each file with the state present, absent or changed, judged by its size alone."""
     return [(file, _state(folder / file.path, file)) for file in select(names, catalogue)]
 
 
 def verify(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
-    """Each file and whether it is present, absent or changed, by its checksum; DatasetError if unreadable."""
-    found = status(folder, names, catalogue)
-    differs = {f.path for f, state in found if state == PRESENT and sha256(folder / f.path) != f.sha256}
-    return [(file, CHANGED if file.path in differs else state) for file, state in found]
+    """Each file with the state present, absent or changed, judged by its checksum; DatasetError if unreadable."""
+    return [
+        (file, CHANGED if state == PRESENT and sha256(folder / file.path) != file.sha256 else state)
+        for file, state in status(folder, names, catalogue)
+    ]
 
 
 def _state(path: Path, file: File) -> str:
@@ -213,13 +228,13 @@ def get(
 ) -> list[tuple[File, DatasetError | None]]:
     """Fetch the files that are absent, or whose checksum is not the catalogue's.
 
-    A file appears at its place only once its checksum is right, so that a download that is stopped leaves what
-    was there before. A server that cannot be reached is asked once, for a few seconds.
+    A file takes its place only when its checksum is right: a download that is stopped changes nothing there. A server
+    that cannot be reached is tried once, for a few seconds.
 
     Parameters
     ----------
     folder : Path
-        The data folder; made where it is not there.
+        The data folder; made if it is not there.
     names : iterable of str
         Groups, paths, file names or aliases; none mean all.
     progress : callable, optional
@@ -230,7 +245,7 @@ def get(
     Returns
     -------
     list of (File, error or None)
-        One entry for every wanted file: None where it now is in place.
+        Every wanted file, with None if it is now in place.
 
     Raises
     ------
@@ -256,11 +271,12 @@ def get(
 
 
 def _sorry(folder: Path, file: File, reason: str) -> str:
+    """The message about a file that could not be fetched, with the remedy."""
     return f"{file.path}: {reason}; try again later, or copy it into {(folder / file.path).parent} yourself"
 
 
 def _probe(url: str) -> str:
-    """Why a server does not answer, '' when it does; in a thread, since looking a name up knows no time-out."""
+    """Why a server does not answer, '' if it does; in a thread, since looking up a name has no time-out."""
     import requests
 
     answer = [f"no answer in {CONNECT_SECONDS + 1:.0f} s"]
@@ -279,7 +295,7 @@ def _probe(url: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """A network error in a few words."""
+    """Short words for a network error."""
     text = " ".join(str(error).split())
     known = {
         "resol": "its name is not known here; is there a network?",
@@ -294,7 +310,7 @@ def _reason(error: Exception) -> str:
 
 
 class _Meter:
-    """The progress bar that pooch is given; it ends a download that is longer than it may be."""
+    """Progress bar for pooch; it ends a download that is longer than the catalogue states."""
 
     total = 0
 

@@ -106,10 +106,10 @@ def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
     F, P = len(frame_names), len(ids)
     check_size(path, F, P)
     most = max(1_000_000, SPARSE * len(table))
-    if F * P > most:
+    if most < F * P:
         raise DatasetError(
-            f"{path}: {len(table)} lines of {F} frames and {P} tracks are less than 1 in {SPARSE} observed; give a track "
-            "one name in all frames that it is seen in"
+            f"{path}: {len(table)} lines of {F} frames and {P} tracks are less than 1 in {SPARSE} observed; give a "
+            "track one name in all frames that it is seen in"
         )
     f, p = frame_rank[table["frame"]], track_rank[table["track"]]
     twice = table.duplicated(["frame", "track"]).to_numpy()

@@ -187,7 +187,7 @@ def load_scene(
     bodies : sequence of str
         Names of sequences.
     turn_upright : bool or names of sequences
-        As for :func:`nrsfm.datasets.scene.compose`. The names may be of sequences that are not in the scene, so that one
+        As for :func:`nrsfm.datasets.scene.compose`. Sequences that are not in the scene may be named, so that one
         setting serves many scenes.
     placement
         Further arguments of :func:`nrsfm.datasets.scene.compose`.

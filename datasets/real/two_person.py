@@ -84,7 +84,7 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
 def _fields(
     file: Path, arrays: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """Names, parents and the time step, once they fit the people's joints."""
+    """Names (J,) and parents (J,) of the joints, and the time step; DatasetError unless they fit the people."""
     for key in ("names", "parents", "dt"):
         if key not in arrays:
             known = ", ".join(ascii(name[:40]) for name in list(arrays)[:20])

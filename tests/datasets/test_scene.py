@@ -310,7 +310,7 @@ def test_a_name_can_be_given(three: list[Body]) -> None:
         ({"placement": "far"}, "dataset.placement is 'far'"),
         ({"placement": [1.0, 2.0]}, "three finite numbers"),
         ({"placement": [1.0, 2.0, float("nan")]}, "three finite numbers"),
-        ({"n_frames": 61}, "dataset.frames is 61, but the bodies allow 2..60"),
+        ({"n_frames": 61}, "dataset.frames is 61, wanted 2..60 for these bodies"),
         ({"n_frames": 1}, "dataset.frames is 1"),
         ({"n_frames": -3}, "dataset.frames is -3"),
     ],
