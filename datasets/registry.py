@@ -112,8 +112,8 @@ def _local_module(name: str) -> ModuleType | None:
     module = f"nrsfm.datasets.{name}"
     if not (name.isidentifier() and find_spec(module)):
         return None
-    found = _imported(f"datasets/{name}.py", lambda: import_module(module), f"mend datasets/{name}.py")
-    return found if _is_source(found) else None
+    source_module = _imported(f"datasets/{name}.py", lambda: import_module(module), f"mend datasets/{name}.py")
+    return source_module if _is_source(source_module) else None
 
 
 def _imported(place: str, load: Callable[[], ModuleType], remedy: str) -> ModuleType:

@@ -320,7 +320,7 @@ class _Meter:
     def update(self, n: int) -> None:
         self.done += n
         if self.done > self.file.size + CHUNK:
-            raise ValueError("longer than the catalogue says")
+            raise ValueError("longer than the catalogue states")
         if self.progress:
             self.progress(self.file, min(self.done, self.file.size))
 

@@ -169,8 +169,8 @@ def _labels(path: Path, table: pd.DataFrame, tracks: list[str], labels: list[str
     pairs = table[["track", "label"]].drop_duplicates().sort_values(["track", "label"])
     if (twice := pairs.loc[pairs["track"].duplicated(), "track"]).size:
         track = int(twice.iloc[0])
-        found = " and ".join(ascii(labels[k][:40]) for k in pairs.loc[pairs["track"] == track, "label"][:2])
-        raise DatasetError(f"{path}: track {tracks[track][:40]!a} has the labels {found}; give it one in all its lines")
+        both = " and ".join(ascii(labels[k][:40]) for k in pairs.loc[pairs["track"] == track, "label"][:2])
+        raise DatasetError(f"{path}: track {tracks[track][:40]!a} has the labels {both}; give it one in all its lines")
     return [labels[k] for k in pairs["label"]]
 
 

@@ -71,5 +71,5 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArra
             raise ValueError(f"{info.filename!a} {claim(max(size, numbers))}")
         data = stream.read(size + 1)
     if len(data) != size:
-        raise ValueError(f"{info.filename!a} does not hold as many numbers as it says")
+        raise ValueError(f"{info.filename!a} does not hold as many numbers as it states")
     return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")

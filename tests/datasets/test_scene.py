@@ -34,16 +34,17 @@ PLACES: tuple[Any, ...] = (*PLACEMENTS, [3.0, 0.0, 0.0], [1.0, -2.0, 0.5])
 
 
 def rotations(n: int, at: int = 0) -> Array:
-    return Rotation.random(n, rng=np.random.default_rng(at)).as_matrix()
+    return np.asarray(Rotation.random(n, rng=np.random.default_rng(at)).as_matrix())
 
 
 def degrees(R: Array) -> Array:
     """Angles of rotations; accurate near zero."""
-    return np.rad2deg(2 * np.arcsin(np.clip(np.linalg.norm(R - np.eye(3), axis=(-2, -1)) / np.sqrt(8), 0, 1)))
+    half = np.arcsin(np.clip(np.linalg.norm(R - np.eye(3), axis=(-2, -1)) / np.sqrt(8), 0, 1))
+    return np.asarray(np.rad2deg(2 * half))
 
 
 def onto(reference: Array, S: Array) -> Array:
-    """(F, 3, 3) proper rotations that bring each frame nearest to its reference, by another road than register's."""
+    """Rotations (F, 3, 3) that bring each frame nearest to its reference, computed in another way than by register."""
     pairs = zip(np.broadcast_to(reference, S.shape), S, strict=True)
     return np.stack([Rotation.align_vectors(a.T, b.T)[0].as_matrix() for a, b in pairs])
 
@@ -53,7 +54,7 @@ def moving_body(n_frames: int = 30, n_points: int = 20, at: int = 0) -> Array:
     rng = np.random.default_rng(at)
     t = np.linspace(0, 2 * np.pi, n_frames)[:, None, None]
     shape, mode, other = rng.standard_normal((3, 3, n_points))
-    return shape + 0.2 * np.sin(t) * mode + 0.15 * np.cos(2 * t) * other
+    return np.asarray(shape + 0.2 * np.sin(t) * mode + 0.15 * np.cos(2 * t) * other)
 
 
 @pytest.fixture(scope="module")
@@ -276,8 +277,8 @@ def test_without_scaling_the_sources_units_stay(three: list[Body]) -> None:
     scene = compose(three, scale="stored", placement="intersecting")
     assert scene.structure is not None and scene.labels is not None
     sizes = [spread(centre(scene.structure[:, :, scene.labels == k])) for k in range(3)]
-    own = [spread(b.structure) for b in three]
-    np.testing.assert_allclose(np.divide(sizes, sizes[0]), np.divide(own, own[0]), rtol=1e-9)
+    spreads = [spread(b.structure) for b in three]
+    np.testing.assert_allclose(np.divide(sizes, sizes[0]), np.divide(spreads, spreads[0]), rtol=1e-9)
 
 
 def test_order_of_the_bodies_permutes_the_tracks(three: list[Body]) -> None:
@@ -305,7 +306,7 @@ def test_a_name_can_be_given(three: list[Body]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "says"),
+    ("settings", "message"),
     [
         ({"placement": "far"}, "dataset.placement is 'far'"),
         ({"placement": [1.0, 2.0]}, "three finite numbers"),
@@ -315,8 +316,8 @@ def test_a_name_can_be_given(three: list[Body]) -> None:
         ({"n_frames": -3}, "dataset.frames is -3"),
     ],
 )
-def test_composition_refuses(three: list[Body], settings: dict[str, Any], says: str) -> None:
-    with pytest.raises(DatasetError, match=says):
+def test_composition_refuses(three: list[Body], settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
         compose(three, **settings)
 
 
