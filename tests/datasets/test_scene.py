@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -19,17 +20,9 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise, seed
 from nrsfm.datasets.real.mocap import MOTIONS, SEQUENCES, load_body, load_scene
 from nrsfm.datasets.scene import PLACEMENTS, Scene, compose, offset
+from tests.conftest import PAIRS
+from tests.shell import ROOT
 
-PAIRS = {
-    "dance yoga": 116,
-    "drink walking": 96,
-    "shark stretch": 132,
-    "walking yoga": 96,
-    "face pickup": 81,
-    "face yoga": 81,
-    "shark yoga": 132,
-    "stretch yoga": 82,
-}  # and how many tracks they have
 PLACES: tuple[Any, ...] = (*PLACEMENTS, [3.0, 0.0, 0.0], [1.0, -2.0, 0.5])
 
 
@@ -194,12 +187,18 @@ def assert_sound(scene: Scene, counts: list[int]) -> None:
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("pair", PAIRS)
 def test_pairs_of_the_paper(data_folder: Path, pair: str, motion: str, placement: Any) -> None:
-    names = pair.split()
+    names = pair.split("_")
     scene = load_scene(data_folder, names, motion=motion, placement=placement)
     assert_sound(scene, [SEQUENCES[name].n_points for name in names])
     assert scene.n_frames == min(SEQUENCES[name].n_frames for name in names)
-    assert scene.name == "_".join(names) and not scene.stand_in
-    assert scene.n_points == PAIRS[pair]
+    assert scene.name == pair and not scene.stand_in
+
+
+def test_each_pair_of_the_paper_has_a_configuration() -> None:
+    for pair in PAIRS:
+        settings = yaml.safe_load((ROOT / f"conf/dataset/{pair}.yaml").read_text())
+        assert settings["bodies"] == pair.split("_")
+    assert sum(SEQUENCES[name].n_points for pair in PAIRS for name in pair.split("_")) == 816
 
 
 @pytest.mark.data
