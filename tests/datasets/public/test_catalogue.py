@@ -19,6 +19,7 @@ import pytest
 
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
+from nrsfm.datasets.public import download
 from nrsfm.datasets.public.catalogue import ABSENT, CHANGED, PRESENT, File
 from nrsfm.datasets.real import mocap
 from nrsfm.harness.cli import data as verb
@@ -76,7 +77,7 @@ class Server(ThreadingHTTPServer):
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.setattr(sources, "RETRIES", 0)
+    monkeypatch.setattr(download, "RETRIES", 0)
     with Server() as running:
         thread = threading.Thread(target=running.serve_forever, args=(0.02,))
         thread.start()
@@ -151,7 +152,7 @@ def test_select_refuses_an_unknown_name() -> None:
 
 def test_a_new_group_needs_no_code(server: Server, tmp_path: Path) -> None:
     more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.txt", "new"))
-    [(file, error)] = sources.get(tmp_path, ["new"], catalogue=more)
+    [(file, error)] = download.get(tmp_path, ["new"], catalogue=more)
     assert error is None and (tmp_path / file.path).read_bytes() == CONTENT
 
 
@@ -204,14 +205,14 @@ def test_states(server: Server, tmp_path: Path) -> None:
 def test_get_fetches_what_is_absent_and_nothing_else(server: Server, tmp_path: Path) -> None:
     entries = catalogue(server.file("whole", "a"), server.file("whole", "b"))
     calls: list[tuple[str, int]] = []
-    first = sources.get(tmp_path, ["a"], lambda file, n: calls.append((file.path, n)), entries)
+    first = download.get(tmp_path, ["a"], lambda file, n: calls.append((file.path, n)), entries)
     assert [error for _, error in first] == [None]
     assert (tmp_path / "group/a").read_bytes() == CONTENT and left(tmp_path) == ["group/a"]
     assert calls[-1] == ("group/a", len(CONTENT)) and [n for _, n in calls] == sorted(n for _, n in calls)
     server.requests.clear()
-    assert sources.get(tmp_path, ["a"], catalogue=entries) == first
+    assert download.get(tmp_path, ["a"], catalogue=entries) == first
     assert server.requests == []
-    sources.get(tmp_path, catalogue=entries)
+    download.get(tmp_path, catalogue=entries)
     assert left(tmp_path) == ["group/a", "group/b"]
     assert sum(line.startswith("GET") for line in server.requests) == 1
 
@@ -220,7 +221,7 @@ def test_get_replaces_a_damaged_file(server: Server, tmp_path: Path) -> None:
     file = server.file("whole")
     (tmp_path / "group").mkdir()
     (tmp_path / file.path).write_bytes(CONTENT[::-1])
-    sources.get(tmp_path, catalogue=catalogue(file))
+    download.get(tmp_path, catalogue=catalogue(file))
     assert (tmp_path / file.path).read_bytes() == CONTENT
 
 
@@ -238,7 +239,7 @@ def test_a_failed_download_leaves_what_was_there(server: Server, tmp_path: Path,
     entries = catalogue(file, server.file("whole", "good"))
     (tmp_path / "group").mkdir()
     (tmp_path / file.path).write_bytes(b"before")
-    (_, error), (_, fine) = sources.get(tmp_path, catalogue=entries)
+    (_, error), (_, fine) = download.get(tmp_path, catalogue=entries)
     assert isinstance(error, MissingData) and fine is None
     text = one_line(error)
     assert text.startswith(f"{file.path}: ") and message in text and "copy it into" in text
@@ -247,13 +248,13 @@ def test_a_failed_download_leaves_what_was_there(server: Server, tmp_path: Path,
 
 
 def test_a_server_that_refuses_is_tried_once(closed_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    probes = []
-    probe = sources._probe
-    monkeypatch.setattr(sources, "CONNECT_SECONDS", 600.0)
-    monkeypatch.setattr(sources, "_probe", lambda url: probes.append(url) or probe(url))
+    probes: list[str] = []
+    probe = download._probe
+    monkeypatch.setattr(download, "CONNECT_SECONDS", 600.0)
+    monkeypatch.setattr(download, "_probe", lambda url: probes.append(url) or probe(url))
     url = f"http://127.0.0.1:{closed_port}/x"
     entries = catalogue(*(File(f"g/{k}", url, "0" * 64, 3, "free", "nobody") for k in range(20)))
-    results = sources.get(tmp_path / "new", catalogue=entries)
+    results = download.get(tmp_path / "new", catalogue=entries)
     assert probes == [url]
     assert len(results) == 20
     for file, error in results:
@@ -262,33 +263,34 @@ def test_a_server_that_refuses_is_tried_once(closed_port: int, tmp_path: Path, m
 
 
 def test_a_server_that_does_not_answer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr(download, "CONNECT_SECONDS", 0.2)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         url = f"http://127.0.0.1:{silent.getsockname()[1]}/x"
-        [(_, error)] = sources.get(tmp_path, catalogue=catalogue(File("g/x", url, "0" * 64, 3, "", "")))
+        [(_, error)] = download.get(tmp_path, catalogue=catalogue(File("g/x", url, "0" * 64, 3, "", "")))
     assert "it took too long" in one_line(error) or "no answer in" in one_line(error)
 
 
 def test_a_name_that_is_not_known(tmp_path: Path) -> None:
     file = File("g/x", "http://nowhere.invalid/x", "0" * 64, 3, "", "")
-    [(_, error)] = sources.get(tmp_path, catalogue=catalogue(file))
+    [(_, error)] = download.get(tmp_path, catalogue=catalogue(file))
     assert "nowhere.invalid cannot be reached" in one_line(error)
 
 
 def test_a_broken_download_is_tried_again(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "RETRIES", 1)
+    monkeypatch.setattr(download, "RETRIES", 1)
     monkeypatch.setattr("pooch.core.time.sleep", lambda seconds: None)
-    sources.get(tmp_path, catalogue=catalogue(server.file("half")))
+    download.get(tmp_path, catalogue=catalogue(server.file("half")))
     assert server.requests.count("GET /half") == 2
 
 
 def test_a_killed_download_leaves_no_wrong_file(server: Server, tmp_path: Path) -> None:
     file = server.file("slow")
     code = (
-        "import sys\nfrom pathlib import Path\nfrom nrsfm.datasets.public.catalogue import File, get\n"
+        "import sys\nfrom pathlib import Path\nfrom nrsfm.datasets.public.catalogue import File\n"
+        "from nrsfm.datasets.public.download import get\n"
         f"file = {file!r}\n"
         "get(Path(sys.argv[1]), progress=lambda f, n: print(n, flush=True), catalogue={file.path: file})"
     )
@@ -299,13 +301,13 @@ def test_a_killed_download_leaves_no_wrong_file(server: Server, tmp_path: Path) 
     process.stdout.close()
     assert [state for _, state in sources.verify(tmp_path, catalogue=catalogue(file))] == [ABSENT]
     entries = catalogue(server.file("whole"))
-    assert [error for _, error in sources.get(tmp_path, catalogue=entries)] == [None]
+    assert [error for _, error in download.get(tmp_path, catalogue=entries)] == [None]
 
 
 def test_a_folder_that_cannot_be_written(server: Server, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DatasetError, match="cannot be written to") as caught:
-        sources.get(tmp_path / "file", catalogue=catalogue(server.file("whole")))
+        download.get(tmp_path / "file", catalogue=catalogue(server.file("whole")))
     assert "NRSFM_DATA" in one_line(caught.value)
 
 
@@ -318,7 +320,7 @@ def test_a_full_or_read_only_disk(
 
     monkeypatch.setattr("pooch.core.make_local_storage", refuse)
     with pytest.raises(DatasetError, match=message) as caught:
-        sources.get(tmp_path, catalogue=catalogue(server.file("whole")))
+        download.get(tmp_path, catalogue=catalogue(server.file("whole")))
     assert str(tmp_path) in one_line(caught.value)
 
 
@@ -396,7 +398,7 @@ def test_verb_get_can_be_interrupted(
     def interrupt(*args: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sources, "get", interrupt)
+    monkeypatch.setattr(download, "get", interrupt)
     code, _, err = say(capsys, tmp_path, "get")
     assert code == 2 and err.startswith("interrupted")
 
