@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import compose, placement_of
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated.motion import VERSION, check_settings
 from nrsfm.datasets.generated.people import activity_of, person
 from nrsfm.datasets.generated.surfaces import SURFACES
-from nrsfm.datasets.scene import Scene, compose, placement_of
+from nrsfm.datasets.scene import Scene
 
 KINDS = ("person", *SURFACES)
 
@@ -74,7 +75,7 @@ def stand_in(name: str, n_frames: int, n_points: int) -> Body:
 
 
 def load_scene(kinds: Sequence[str], points: int | Sequence[int], frames: int, seed: int, **placement: Any) -> Scene:
-    """A scene of generated bodies; ``placement`` goes to :func:`nrsfm.datasets.scene.compose`."""
+    """A scene of generated bodies; ``placement`` goes to :func:`nrsfm.datasets.composition.compose`."""
     return compose(bodies(kinds, points, frames, seed), **placement)
 
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from nrsfm.datasets.body import Body, centre
 from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.composition import view
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real.mocap import body_digest, expect, file_of, load_body, recording
-from nrsfm.datasets.scene import Scene, view
+from nrsfm.datasets.scene import Scene
 
 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from nrsfm.datasets.body import Body, observed
+from nrsfm.datasets.composition import captured
 from nrsfm.datasets.errors import DatasetError, check_name, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.c3dfile import read_c3d
 from nrsfm.datasets.real.thinning import Thinning
-from nrsfm.datasets.scene import Scene, captured
+from nrsfm.datasets.scene import Scene
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 

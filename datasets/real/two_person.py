@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import captured
 from nrsfm.datasets.errors import DatasetError, check_name, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.limits import HUGE
 from nrsfm.datasets.readers.npzfile import read_npz
 from nrsfm.datasets.real.thinning import Thinning
-from nrsfm.datasets.scene import Scene, captured
+from nrsfm.datasets.scene import Scene
 
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
 

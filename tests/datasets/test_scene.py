@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from nrsfm.datasets.body import Array, Body, centre, register, spread, upright
 from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.composition import PLACEMENTS, compose, offset
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise, seed
 from nrsfm.datasets.real.mocap import MOTIONS, SEQUENCES, load_body, load_scene
-from nrsfm.datasets.scene import PLACEMENTS, Scene, compose, offset
+from nrsfm.datasets.scene import Scene
 from tests.conftest import PAIRS
 from tests.shell import ROOT
 

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import compose
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.scene import Scene, compose
+from nrsfm.datasets.scene import Scene
 
 VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that finished trials are run again
 

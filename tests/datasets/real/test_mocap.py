@@ -12,6 +12,7 @@ import scipy.io
 
 from nrsfm.datasets.body import Array, Body, centre, register, spread
 from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.composition import view
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.generated.procedural import stand_in as generated
 from nrsfm.datasets.real.mocap import (
@@ -26,7 +27,6 @@ from nrsfm.datasets.real.mocap import (
 from nrsfm.datasets.real.mocap_body import load_recording, load_single
 from nrsfm.datasets.registry import digest
 from nrsfm.datasets.registry import load_scene as load_by_settings
-from nrsfm.datasets.scene import view
 
 AKHTER = ("drink", "pickup", "yoga", "stretch")
 MATLAB_7_3 = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600)
