@@ -115,7 +115,7 @@ def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
     twice = table.duplicated(["frame", "track"]).to_numpy()
     if twice.any():
         frame, track = frame_names[f[twice][0]][:40], ids[p[twice][0]][:40]
-        raise DatasetError(f"{path}: frame {frame!a}, track {track!a} stands there twice; leave one of the lines out")
+        raise DatasetError(f"{path}: frame {frame!a}, track {track!a} occurs twice; leave one of the lines out")
     W = np.full((F, 2, P), np.nan)
     W[f, :, p] = table[["x", "y"]]
     if "label" not in header:
@@ -185,7 +185,7 @@ def _wide(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
         check_size(path, first + len(rows), len(ids))
         _indices(frames, [row[0] for row in rows] if framed else map(str, range(first, first + len(rows))))
         if len(frames) < first + len(rows):
-            raise DatasetError(f"{path}: a frame stands there twice, in line {numbers[-1]} or before; leave one out")
+            raise DatasetError(f"{path}: a frame occurs twice, in line {numbers[-1]} or before; leave one out")
         cells = [cell for row in rows for cell in row[framed:]]
         values = _coordinates(path, np.repeat(numbers, 2 * len(ids)), "x or y", cells)
         parts.append(values.reshape(len(rows), len(ids), 2))

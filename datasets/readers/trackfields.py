@@ -195,4 +195,4 @@ def check_words(path: Path, field: str, words: list[str]) -> None:
     """Raise DatasetError unless names have 1 to 100 printable characters."""
     odd = next((word for word in words if not (0 < len(word) <= 100 and word.isprintable())), None)
     if odd is not None:
-        raise DatasetError(f"{path}: {field} {odd[:40]!a} is no name, wanted 1 to 100 characters that print")
+        raise DatasetError(f"{path}: {field} {odd[:40]!a} is not a name, wanted 1 to 100 printable characters")

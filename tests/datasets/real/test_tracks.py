@@ -245,14 +245,14 @@ def test_c3d_is_seen_by_a_camera(tmp_path: Path, write_c3d: WriteC3D) -> None:
 
 
 CSV: dict[str, tuple[str, ...]] = {
-    "is no name": ("frame,track,x,y", "0,,1,2", "1,a,1,2"),
+    "is not a name": ("frame,track,x,y", "0,,1,2", "1,a,1,2"),
     "line 3 has 3 cells and the header 4": ("frame,track,x,y", "0,a,1,2", "1,a,1"),
     "line 5 has 5 cells": ("frame,track,x,y", "0,a,1,2", "", "1,a,1,2", "1,b,1,2,3"),
     "line 2: x is 'one', wanted a finite number": ("frame,track,x,y", "0,a,one,2"),
     "line 2: y is 'inf'": ("frame,track,x,y", "0,a,1,inf"),
     "line 2: x is '1_0'": ("frame,track,x,y", "0,a,1_0,1"),
     "line 3: visible is 'maybe', wanted 0 or 1": ("frame,track,x,y,visible", "0,a,1,1,1", "0,b,1,1,maybe"),
-    "frame '0', track 'a' stands there twice": ("frame,track,x,y", "0,a,1,2", "0,b,1,2", "0,a,1,2"),
+    "frame '0', track 'a' occurs twice": ("frame,track,x,y", "0,a,1,2", "0,b,1,2", "0,a,1,2"),
     "track 'a' has the labels '1' and '2'": ("frame,track,x,y,label", "0,a,1,2,1", "1,a,1,2,2"),
     "track 'b' has no label": ("frame,track,x,y,label", "0,a,1,2,1", "0,b,1,2,"),
     "its header holds 'z'": ("frame,track,x,y,z", "0,a,1,2,3"),
@@ -267,9 +267,9 @@ CSV: dict[str, tuple[str, ...]] = {
     "holds 'id' and then 't'": ("id,t,u,v", "1,2,3,4"),
     "names a track twice": ("x_0,y_0,0.x,0.y", "1,2,3,4"),
     "line 3: x or y is 'q'": ("x_0,y_0", "1,2", "1,q"),
-    "a frame stands there twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
+    "a frame occurs twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
     "not a readable CSV file": ("frame,track,x,y", '0,"a"b,1,2'),
-    "track 'b\\x07' is no name": ("frame,track,x,y", "0,b\x07,1,2"),
+    "track 'b\\x07' is not a name": ("frame,track,x,y", "0,b\x07,1,2"),
 }
 
 
