@@ -128,13 +128,15 @@ def _is_source(module: object) -> bool:
 
 
 def _call(function: str, kind: type[T], settings: Settings, folder: Path, stand_in: bool) -> T:
-    """The result of a source's function; DatasetError if it raises or returns anything else than ``kind``."""
+    """The result of a source's function; DatasetError if a plugin fails, or the result is not a ``kind``."""
     name, module = settings.get("source"), source(settings.get("source"))
     try:
         result = getattr(module, function)({**settings, "stand_in": stand_in}, folder)
     except (DatasetError, MemoryError):
         raise
     except Exception as error:
+        if name in SOURCES:  # a defect of the project, shown with its traceback
+            raise
         reason = f"{type(error).__name__}: {error}"
         raise DatasetError(f"dataset {name}: {function} ended with {reason}; mend {module.__name__}") from error
     if not isinstance(result, kind) or result == "":
