@@ -18,7 +18,7 @@ def no_edges() -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Body:
-    """A single body as its source gives it.
+    """A single body in the units and axes of its source.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class Body:
     cameras : (F, 2, 3) array or None
         The body's own cameras, where its source has them.
     digest : str
-        What the numbers were made from: SHA-256 of the file, or the generator and its settings.
+        SHA-256 of the file behind the body, or the generator and its settings.
     stand_in : bool
-        True for generated data that takes the place of a real sequence.
+        Whether generated data takes the place of a real sequence.
     gaps : bool
         Whether points may be NaN where they were not captured.
 
@@ -67,21 +67,21 @@ class Body:
 
     @property
     def n_frames(self) -> int:
-        return self.structure.shape[0]
+        return len(self.structure)
 
     @property
     def n_points(self) -> int:
-        return self.structure.shape[2]
+        return int(self.structure.shape[2])
 
 
 def observed(positions: Array) -> NDArray[np.bool_]:
-    """Where (F, k, P) positions are numbers: (F, P)."""
+    """Which of (F, k, P) positions are finite, (F, P)."""
     return np.asarray(np.isfinite(positions).all(axis=1))
 
 
 def centre(structure: Array) -> Array:
-    """Subtract each frame's centroid from an (F, k, P) array; points that are NaN do not count."""
-    return structure - np.nanmean(structure, axis=2, keepdims=True)
+    """An (F, k, P) array less each frame's centroid; points that are NaN do not count."""
+    return np.subtract(structure, np.nanmean(structure, axis=2, keepdims=True))
 
 
 def spread(structure: Array) -> float:
@@ -95,15 +95,15 @@ def spread(structure: Array) -> float:
 def register(structure: Array, rounds: int = 10) -> Array:
     """Remove a body's own rigid rotation by generalised Procrustes analysis.
 
-    Every frame is rotated (proper rotations alone) onto a reference: the first frame, then, round after
-    round, the mean of the rotated frames.
+    Every frame is rotated onto a reference, without reflections. The reference is the first frame, and in each later
+    round the mean of the rotated frames.
 
     Parameters
     ----------
     structure : (F, 3, P) array
         Points over time; centred per frame before it is rotated.
     rounds : int
-        Times the reference is renewed.
+        How often the reference is renewed.
 
     Returns
     -------
@@ -120,13 +120,13 @@ def register(structure: Array, rounds: int = 10) -> Array:
         U, _, Vt = np.linalg.svd(np.einsum("ip,fjp->fij", reference, S))
         flip = np.ones((len(S), 3))
         flip[:, 2] = np.sign(np.linalg.det(U @ Vt))
-        rotated = ((U * flip[:, None, :]) @ Vt) @ S
+        rotated: Array = ((U * flip[:, None, :]) @ Vt) @ S
         reference = rotated.mean(axis=0)
     return rotated
 
 
 def upright(structure: Array, vertical: str) -> Array:
-    """Turn an (F, 3, P) structure so that z points up (``vertical`` names the axis that does so now)."""
+    """An (F, 3, P) structure turned so that z points up; ``vertical`` is the axis that does so now."""
     if vertical == "z":
         return structure
     if vertical == "y":

@@ -8,7 +8,7 @@ from nrsfm.datasets.body import Array
 
 
 def orbit(n_frames: int, degrees_per_frame: float = 5.0) -> Array:
-    """A camera that circles the vertical z axis, its image y axis kept vertical.
+    """Cameras that circle the vertical z axis, one a frame, with a vertical image y axis.
 
     Returns
     -------
@@ -24,5 +24,5 @@ def orbit(n_frames: int, degrees_per_frame: float = 5.0) -> Array:
 
 
 def project(cameras: Array, structure: Array) -> Array:
-    """W = R S: (F, 2, 3) cameras and (F, 3, P) structure to (F, 2, P) tracks."""
+    """Tracks W = R S, (F, 2, P), of (F, 2, 3) cameras R and (F, 3, P) structure S."""
     return cameras @ structure

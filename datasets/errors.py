@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 from pathlib import Path
 
 FETCH = "fetch it with 'nrsfm data get' or set NRSFM_DATA to its folder"
@@ -32,7 +33,7 @@ def check_name(setting: str, name: object) -> None:
 def check_whole(setting: str, value: object, least: int, most: int | None = None, remark: str = "") -> None:
     """Raise DatasetError unless a setting is a whole number from ``least`` to ``most``."""
     highest = math.inf if most is None else most
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= highest:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= highest:
         wanted = f"a whole number of at least {least}" if most is None else f"{least}..{most}"
         raise DatasetError(f"{setting} is {value!r}, wanted {wanted}{remark}")
 

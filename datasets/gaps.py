@@ -1,4 +1,4 @@
-"""Observations that are dropped, reproducible from the scene that they are dropped from."""
+"""Dropped observations, reproducible from the scene that they are dropped from."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array
-from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 from nrsfm.datasets.noise import seed
 
 KINDS = ("none", "random", "stretches")
 
 
 def drop(tracks: Array, kind: str, share: float, length: int, repeat: int, scene: str) -> NDArray[np.bool_]:
-    """Which positions of (F, 2, P) tracks stay visible when a share of what is observed is dropped.
+    """Which positions of (F, 2, P) tracks stay visible when a share of the observed ones is dropped.
 
-    ``random`` drops single positions, ``stretches`` a track for ``length`` frames at a time, as something passes in
-    front of it. A draw depends on the scene's name, kind, share and repeat alone, never on the method, and leaves every
-    frame two points and every track two frames.
+    ``random`` drops single positions. ``stretches`` drops ``length`` frames of a track at a time, as if something
+    passed in front of it. Every frame keeps two points and every track two frames. A draw depends on the scene's name,
+    kind, share and repeat; it is the same for every method.
 
     Returns
     -------
@@ -26,15 +26,14 @@ def drop(tracks: Array, kind: str, share: float, length: int, repeat: int, scene
     Raises
     ------
     DatasetError
-        If a setting is not one of these, or so much cannot be dropped.
+        If a setting is out of range, or the share is more than can be dropped.
     """
     if kind not in KINDS:
         raise DatasetError(f"gaps.kind is {kind!r}, wanted one of {', '.join(KINDS)}")
-    if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share < 1:
+    if not is_number(share) or not 0 <= share < 1:
         raise DatasetError(f"gaps.share is {share!r}, wanted a number from 0 to less than 1")
-    if isinstance(length, bool) or not isinstance(length, int) or length < 1:
-        raise DatasetError(f"gaps.length is {length!r}, wanted a whole number of frames")
-    visible = np.isfinite(tracks[:, 0])
+    check_whole("gaps.length", length, 1, remark=" (frames)")
+    visible: NDArray[np.bool_] = np.isfinite(tracks[:, 0])
     if kind == "none" or share == 0:
         return visible
     wanted = round(share * int(visible.sum()))
@@ -55,11 +54,12 @@ def drop(tracks: Array, kind: str, share: float, length: int, repeat: int, scene
 
 
 def _singly(rng: np.random.Generator, visible: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Every visible position once, as pairs of frame and track in random order."""
     return rng.permutation(np.argwhere(visible))
 
 
 def _stretches(rng: np.random.Generator, visible: NDArray[np.bool_], length: int) -> NDArray[np.int64]:
-    """Every position once: stretch after stretch of each track, whose borders differ from track to track."""
+    """Every position once, in random order of stretches; each track is cut into stretches at random borders."""
     F, P = visible.shape
     pieces = []
     for p in range(P):

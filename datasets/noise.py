@@ -11,13 +11,13 @@ from nrsfm.datasets.errors import DatasetError
 
 
 def seed(scene: str, level: float, repeat: int) -> int:
-    """A seed that depends on the scene's name, the noise level and the repeat alone, never on the method."""
+    """Seed from the scene's name, the noise level and the repeat; it is the same for every method."""
     text = f"{scene}|{float(level)!r}|{int(repeat)}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
 def add_noise(tracks: Array, level: float, repeat: int, scene: str) -> Array:
-    """Zero-mean Gaussian noise of standard deviation ``level * max|W|`` on (F, 2, P) tracks; NaN stays NaN.
+    """Tracks (F, 2, P) with zero-mean Gaussian noise of standard deviation ``level * max|W|``; NaN stays NaN.
 
     Raises
     ------
@@ -31,4 +31,5 @@ def add_noise(tracks: Array, level: float, repeat: int, scene: str) -> Array:
     if level == 0:
         return tracks
     rng = np.random.default_rng(seed(scene, level, repeat))
-    return tracks + level * np.nanmax(np.abs(tracks)) * rng.standard_normal(tracks.shape)
+    noise = level * np.nanmax(np.abs(tracks)) * rng.standard_normal(tracks.shape)
+    return np.asarray(tracks + noise)

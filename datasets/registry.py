@@ -4,8 +4,8 @@ A source is a module with two functions, ``load(settings, folder)``, which retur
 ``digest(settings, folder)``, which returns the identity of the data in one line without making the scene. ``folder`` is
 the data folder. ``settings["stand_in"]`` is true if generated bodies may take the place of files that are not there.
 
-The project's own sources are listed in :data:`SOURCES`. Others are modules ``datasets/NAME.py``, or modules of installed
-packages under the entry point group ``nrsfm.datasets``, ``NAME = "package.module"``.
+The project's own sources are listed in :data:`SOURCES`. Others are modules ``datasets/NAME.py``, or modules of
+installed packages under the entry point group ``nrsfm.datasets``, ``NAME = "package.module"``.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ def _local_module(name: str) -> ModuleType | None:
     module = f"nrsfm.datasets.{name}"
     if not (name.isidentifier() and find_spec(module)):
         return None
-    found = _imported(f"datasets/{name}.py", lambda: import_module(module), f"mend datasets/{name}.py")
-    return found if _is_source(found) else None
+    source_module = _imported(f"datasets/{name}.py", lambda: import_module(module), f"mend datasets/{name}.py")
+    return source_module if _is_source(source_module) else None
 
 
 def _imported(place: str, load: Callable[[], ModuleType], remedy: str) -> ModuleType:
@@ -128,13 +128,15 @@ def _is_source(module: object) -> bool:
 
 
 def _call(function: str, kind: type[T], settings: Settings, folder: Path, stand_in: bool) -> T:
-    """The result of a source's function; DatasetError if it raises or returns anything else than ``kind``."""
+    """The result of a source's function; DatasetError if a plugin fails, or the result is not a ``kind``."""
     name, module = settings.get("source"), source(settings.get("source"))
     try:
         result = getattr(module, function)({**settings, "stand_in": stand_in}, folder)
     except (DatasetError, MemoryError):
         raise
     except Exception as error:
+        if name in SOURCES:  # a defect of the project, shown with its traceback
+            raise
         reason = f"{type(error).__name__}: {error}"
         raise DatasetError(f"dataset {name}: {function} ended with {reason}; mend {module.__name__}") from error
     if not isinstance(result, kind) or result == "":

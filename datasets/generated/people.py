@@ -63,19 +63,19 @@ ACTIVITIES: Mapping[str, str] = {
 
 
 def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str | None = None) -> Body:
-    """A person who stays where he stands and moves his limbs.
+    """A person who moves the limbs and stays in one place.
 
     Parameters
     ----------
     n_points : int
-        At least 2. The joints come first (fewer points than joints: an even choice of them), then markers on the
-        limbs' skin, each rigid to its bone; the first markers stay the same when more are asked for.
+        At least 2. The joints come first, then markers on the limbs' skin, each rigid to its bone. Fewer points than
+        joints are an even choice of the joints. The first markers do not depend on how many there are.
     n_frames : int
-        At least 2, 1/30 s apart; less than four seconds' worth are spread over four seconds.
+        At least 2, 1/30 s apart; frames for less than four seconds are spread over four seconds.
     seed : int
-        At least 0: proportions, tempo and manner.
+        At least 0; decides proportions, tempo and manner.
     activity : str, optional
-        One of :data:`ACTIVITIES`; chosen by the seed when it is not given.
+        One of :data:`ACTIVITIES`; by default the seed chooses.
 
     Returns
     -------
@@ -108,8 +108,8 @@ def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str
         frame = parents[child]
         markers = np.empty((n_frames, 3, len(child)))
         for p in np.unique(frame):
-            mine = frame == p
-            markers[:, :, mine] = x[:, p, :, None] + G[:, p] @ local[mine].T
+            of_bone = frame == p
+            markers[:, :, of_bone] = x[:, p, :, None] + G[:, p] @ local[of_bone].T
         S = np.concatenate([S, markers], axis=2)
         nearer = np.where(along < 0.5, frame, child)
         edges = np.concatenate([bones, np.column_stack([nearer, np.arange(len(names), n_points)])])
@@ -124,8 +124,8 @@ def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str
 
 
 def activity_of(seed: int, nth: int = 0) -> str:
-    """The seed's activity for the nth person of a scene: different ones until all have had their turn."""
-    order = np.random.default_rng([3, seed]).permutation(len(ACTIVITIES))
+    """The activity of the nth person of a scene: one after the other of a random order."""
+    order: list[int] = np.random.default_rng([3, seed]).permutation(len(ACTIVITIES)).tolist()
     return list(ACTIVITIES)[order[nth % len(order)]]
 
 
@@ -145,7 +145,7 @@ def _skeleton(rng: np.random.Generator) -> tuple[list[str], NDArray[np.int64], A
 
 
 def _angles(rng: np.random.Generator, activity: str, names: list[str], n_frames: int) -> Array:
-    """(F, J, 3) rotation vectors in radians: the activity's swings, and a little of every signal in every joint."""
+    """Rotation vectors (F, J, 3) in radians: the activity's swings, and a little of every signal in every joint."""
     swings = signals(rng, N_SIGNALS, n_frames)
     v = np.einsum("fk,kji->fji", swings, rng.normal(0, 1.5, (N_SIGNALS, len(names), 3)))
     for text in ACTIVITIES[activity].split(","):
@@ -156,11 +156,11 @@ def _angles(rng: np.random.Generator, activity: str, names: list[str], n_frames:
         for name, angle in ((plain, moved), (f"left_{plain}", moved), (f"right_{plain}", turned)):
             if name in names:
                 v[:, names.index(name), axis] += -angle if axis != 1 and name.startswith("right") else angle
-    return np.deg2rad(v)
+    return np.asarray(np.deg2rad(v))
 
 
 def _markers(n: int, offsets: Array, radii: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Child joint (n,), share along the bone (n,) and place in the parent's frame (n, 3) of points on the skin.
+    """Points on the skin: child joint (n,), share along the bone (n,) and place in the parent's frame (n, 3).
 
     The points are an even, low-discrepancy sequence over the unrolled skin (Roberts' R2).
     """

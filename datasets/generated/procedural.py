@@ -1,6 +1,6 @@
-"""People and surfaces made from a seed: the data that is always there.
+"""Scenes of generated people and surfaces, which need no files.
 
-Bodies deform and do not turn as a whole. Same settings, same numbers.
+Bodies deform and do not turn as a whole. The same settings give the same numbers on every machine.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import compose, placement_of
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated.motion import VERSION, check_settings
 from nrsfm.datasets.generated.people import activity_of, person
 from nrsfm.datasets.generated.surfaces import SURFACES
-from nrsfm.datasets.scene import Scene, compose, placement_of
+from nrsfm.datasets.scene import Scene
 
 KINDS = ("person", *SURFACES)
 
@@ -38,10 +39,10 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
 
 
 def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, seed: int = 0) -> list[Body]:
-    """Bodies for one scene, with names of their own (person, person_2, face) and people at different activities.
+    """Bodies for one scene, with different names (person, person_2, face) and different activities.
 
-    ``n_points`` is for all bodies, or one number a body; the rest is as for :func:`person`. Raises DatasetError
-    if a setting is out of range, naming it as the configuration does.
+    ``n_points`` is one number for all bodies, or a list with one for each; the rest is as for :func:`person`. Raises
+    DatasetError, which names the setting as the configuration does, if one is out of range.
     """
     if not _listed(kinds) or not kinds or any(kind not in KINDS for kind in kinds):
         raise DatasetError(f"dataset.bodies is {kinds!r}, wanted a list of {', '.join(KINDS)}")
@@ -54,11 +55,11 @@ def bodies(kinds: Sequence[str], n_points: int | Sequence[int], n_frames: int, s
     for k, (kind, count) in enumerate(zip(kinds, counts, strict=True)):
         check_settings(count, n_frames, seed)
         nth = sum(kind == other for other in kinds[:k])
-        own = seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+        body_seed = seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         if kind == "person":
-            body = person(count, n_frames, own, activity_of(seed, nth))
+            body = person(count, n_frames, body_seed, activity_of(seed, nth))
         else:
-            body = SURFACES[kind](count, n_frames, own)
+            body = SURFACES[kind](count, n_frames, body_seed)
         made.append(replace(body, name=f"{kind}_{nth + 1}" if nth else kind))
     return made
 
@@ -74,7 +75,7 @@ def stand_in(name: str, n_frames: int, n_points: int) -> Body:
 
 
 def load_scene(kinds: Sequence[str], points: int | Sequence[int], frames: int, seed: int, **placement: Any) -> Scene:
-    """A scene of generated bodies; ``placement`` goes to :func:`nrsfm.datasets.scene.compose`."""
+    """A scene of generated bodies; ``placement`` goes to :func:`nrsfm.datasets.composition.compose`."""
     return compose(bodies(kinds, points, frames, seed), **placement)
 
 

@@ -1,4 +1,4 @@
-"""Surfaces made from a seed, as dense as a video: a face moved by a few expressions, a beating heart.
+"""Generated surfaces, as dense as a video: a face moved by a few expressions, a beating heart.
 
 Axes: x ahead, y to the left, z up, in metres.
 """
@@ -78,9 +78,8 @@ def face(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
 def heart(n_points: int = 40, n_frames: int = 120, seed: int = 0) -> Body:
     """The front of a beating heart on a grid: the upper chambers draw in, then the lower ones, which also twist.
 
-    The whole swings with the breath. Without that, what rests on it and what rests on another body before the same
-    camera would be points of one and the same rigid body, which no method can tell apart.
-    Points, edges, settings and errors as for :func:`face`.
+    The whole swings with the breath. Without that, resting points of two bodies before one camera would move as one
+    rigid body, and no method could tell them apart. Points, edges, settings and errors as for :func:`face`.
     """
     described = check_settings(n_points, n_frames, seed)
     rng = np.random.default_rng([4, seed])
@@ -115,7 +114,7 @@ SURFACES: Mapping[str, Callable[[int, int, int], Body]] = {"face": face, "heart"
 
 
 def _grid(n_points: int) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Rows of cells, five rows for four columns: where each point is across and down, in (-1, 1), and its edges."""
+    """A grid of five rows for four columns: each point's place across and down, in (-1, 1), and the edges (E, 2)."""
     columns = max(1, round(np.sqrt(0.8 * n_points)))
     rows = -(-n_points // columns)
     index = np.arange(n_points)
@@ -128,5 +127,5 @@ def _grid(n_points: int) -> tuple[Array, Array, NDArray[np.int64]]:
 
 
 def _bump(u: Array, v: Array, across: float, up: float, wide: float, high: float) -> Array:
-    """(P,) Gaussian on the face, the same on both sides."""
+    """A Gaussian bump (P,) on the face, the same on both sides."""
     return np.exp(-(((np.abs(u) - across) / wide) ** 2) - ((v - up) / high) ** 2)

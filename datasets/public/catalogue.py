@@ -1,31 +1,39 @@
-"""Public files: where they are found, what they must be, and how they are fetched."""
+"""Catalogue of the public data files, and their state in the data folder."""
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path, PurePosixPath
-from urllib.parse import urlsplit
 
 from nrsfm.datasets.errors import DatasetError, MissingData
 
 PRESENT, ABSENT, CHANGED = "present", "absent", "changed"
 
 
-CONNECT_SECONDS, READ_SECONDS, RETRIES, CHUNK = 4.0, 30.0, 1, 1 << 16
-
-
 @dataclass(frozen=True)
 class File:
-    """One public file: its place in the data folder (``group/name``), where to download it, and what it must be.
+    """One public file.
 
-    ``sha256`` is in hex digits, ``size`` in bytes; ``terms`` is what its authors allow, ``source`` what to cite,
-    ``aliases`` other words for it, such as the name of the sequence it holds.
+    Parameters
+    ----------
+    path : str
+        Its place in the data folder, ``group/name``.
+    url : str
+        Where it is downloaded from.
+    sha256 : str
+        In hex digits.
+    size : int
+        In bytes.
+    terms : str
+        What its authors allow.
+    source : str
+        What to cite.
+    aliases : tuple of str
+        Other words for it, such as the name of the sequence that it holds.
     """
 
     path: str
@@ -42,13 +50,13 @@ class File:
 
     @property
     def words(self) -> set[str]:
-        """What a user may call it: its group, its path, its name with and without the suffix, its aliases."""
+        """Words that select the file: its group, its path, its name with and without the suffix, its aliases."""
         name = PurePosixPath(self.path)
         return {self.group, self.path, name.name, name.stem, *self.aliases}
 
 
 def listed(group: str, url: str, terms: str, source: str, table: str) -> list[File]:
-    """Files of one place, terms and citation; the table has a line each: name size sha256 [name there [alias ...]]."""
+    """Files of one folder of a server; each line of the table is ``name size sha256 [name there [alias ...]]``."""
     files = []
     for line in table.strip().splitlines():
         name, size, digest, *rest = line.split()
@@ -137,14 +145,11 @@ CATALOGUE: Mapping[str, File] = {
 }
 
 
-#: Groups that are fetched when they are named; the others hold what the paper's tables need.
+#: Groups that are fetched only when they are named; the paper's tables need the others.
 ON_REQUEST = frozenset({"hopkins155", "c3d"})
 
 
 State = tuple[File, str]
-
-
-Progress = Callable[[File, int], None]  # told, now and then, the file and how many of its bytes have come
 
 
 def select(names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[File]:
@@ -155,13 +160,13 @@ def select(names: Iterable[str] = (), catalogue: Mapping[str, File] | None = Non
     DatasetError
         If a name fits no file.
     """
-    held = list((CATALOGUE if catalogue is None else catalogue).values())
+    files = list((CATALOGUE if catalogue is None else catalogue).values())
     wanted = list(names)
     for name in wanted:
-        if not any(name in file.words for file in held):
-            groups = ", ".join(sorted({file.group for file in held})) or "none"
+        if not any(name in file.words for file in files):
+            groups = ", ".join(sorted({file.group for file in files})) or "none"
             raise DatasetError(f"{name!r} is no file of the catalogue (groups: {groups}); see 'nrsfm data list'")
-    return [file for file in held if not wanted or file.words.intersection(wanted)]
+    return [file for file in files if not wanted or file.words.intersection(wanted)]
 
 
 def sha256(path: Path) -> str:
@@ -185,15 +190,16 @@ def _sha256(path: str, mtime_ns: int, size: int) -> str:
 
 
 def status(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
-    """Each file and whether it is present, absent or changed, by its size alone; :func:`verify` reads it."""
+    """Each file with the state present, absent or changed, judged by its size alone."""
     return [(file, _state(folder / file.path, file)) for file in select(names, catalogue)]
 
 
 def verify(folder: Path, names: Iterable[str] = (), catalogue: Mapping[str, File] | None = None) -> list[State]:
-    """Each file and whether it is present, absent or changed, by its checksum; DatasetError if unreadable."""
-    found = status(folder, names, catalogue)
-    differs = {f.path for f, state in found if state == PRESENT and sha256(folder / f.path) != f.sha256}
-    return [(file, CHANGED if file.path in differs else state) for file, state in found]
+    """Each file with the state present, absent or changed, judged by its checksum; DatasetError if unreadable."""
+    return [
+        (file, CHANGED if state == PRESENT and sha256(folder / file.path) != file.sha256 else state)
+        for file, state in status(folder, names, catalogue)
+    ]
 
 
 def _state(path: Path, file: File) -> str:
@@ -203,138 +209,3 @@ def _state(path: Path, file: File) -> str:
         return PRESENT if path.is_file() and path.stat().st_size == file.size else CHANGED
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read ({error.strerror}); see to its permissions") from None
-
-
-def get(
-    folder: Path,
-    names: Iterable[str] = (),
-    progress: Progress | None = None,
-    catalogue: Mapping[str, File] | None = None,
-) -> list[tuple[File, DatasetError | None]]:
-    """Fetch the files that are absent, or whose checksum is not the catalogue's.
-
-    A file appears at its place only once its checksum is right, so that a download that is stopped leaves what
-    was there before. A server that cannot be reached is asked once, for a few seconds.
-
-    Parameters
-    ----------
-    folder : Path
-        The data folder; made where it is not there.
-    names : iterable of str
-        Groups, paths, file names or aliases; none mean all.
-    progress : callable, optional
-        Called with the file and the bytes that have come.
-    catalogue : mapping of path to File, optional
-        :data:`CATALOGUE` by default.
-
-    Returns
-    -------
-    list of (File, error or None)
-        One entry for every wanted file: None where it now is in place.
-
-    Raises
-    ------
-    DatasetError
-        If a name is unknown or the folder cannot be written to.
-    """
-    reached: dict[str, str] = {}
-    results: list[tuple[File, DatasetError | None]] = []
-    for file, state in verify(folder, names, catalogue):
-        error: DatasetError | None = None
-        if state != PRESENT:
-            place = urlsplit(file.url).netloc
-            if place not in reached:
-                reached[place] = _probe(file.url)
-            try:
-                if reached[place]:
-                    raise MissingData(_sorry(folder, file, f"{place} cannot be reached ({reached[place]})"))
-                _download(folder, file, progress)
-            except MissingData as caught:
-                error = caught
-        results.append((file, error))
-    return results
-
-
-def _sorry(folder: Path, file: File, reason: str) -> str:
-    return f"{file.path}: {reason}; try again later, or copy it into {(folder / file.path).parent} yourself"
-
-
-def _probe(url: str) -> str:
-    """Why a server does not answer, '' when it does; in a thread, since looking a name up knows no time-out."""
-    import requests
-
-    answer = [f"no answer in {CONNECT_SECONDS + 1:.0f} s"]
-
-    def ask() -> None:
-        try:
-            requests.head(url, timeout=CONNECT_SECONDS).close()
-            answer[0] = ""
-        except requests.exceptions.RequestException as error:
-            answer[0] = _reason(error)
-
-    thread = threading.Thread(target=ask, daemon=True)
-    thread.start()
-    thread.join(CONNECT_SECONDS + 1)
-    return answer[0]
-
-
-def _reason(error: Exception) -> str:
-    """A network error in a few words."""
-    text = " ".join(str(error).split())
-    known = {
-        "resol": "its name is not known here; is there a network?",
-        "refused": "connection refused",
-        "timed out": "it took too long",
-        "unreachable": "no network",
-        "roxy": "the proxy does not answer",
-        "CERTIFICATE": "its certificate is not accepted",
-        "broken": "the connection broke off",
-    }
-    return next((words for sign, words in known.items() if sign in text), text[:100] or type(error).__name__)
-
-
-class _Meter:
-    """The progress bar that pooch is given; it ends a download that is longer than it may be."""
-
-    total = 0
-
-    def __init__(self, file: File, progress: Progress | None) -> None:
-        self.file, self.progress, self.done = file, progress, 0
-
-    def update(self, n: int) -> None:
-        self.done += n
-        if self.done > self.file.size + CHUNK:
-            raise ValueError("longer than the catalogue says")
-        if self.progress:
-            self.progress(self.file, min(self.done, self.file.size))
-
-    def reset(self) -> None:
-        self.done = 0
-
-    def close(self) -> None:
-        """Nothing to close; pooch asks for it."""
-
-
-def _download(folder: Path, file: File, progress: Progress | None) -> None:
-    import pooch
-    import requests
-
-    pooch.get_logger().setLevel("ERROR")
-    store = pooch.create(
-        folder, "", registry={file.path: file.sha256}, urls={file.path: file.url}, retry_if_failed=RETRIES
-    )
-    meter, patience = _Meter(file, progress), (CONNECT_SECONDS, READ_SECONDS)
-    fetch = pooch.HTTPDownloader(progressbar=meter, chunk_size=CHUNK, timeout=patience)
-    try:
-        Path(store.fetch(file.path, downloader=fetch)).chmod(0o644)
-        return
-    except requests.exceptions.HTTPError as error:
-        reason = f"{file.url} answered {getattr(error.response, 'status_code', 'an error')}"
-    except requests.exceptions.RequestException as error:
-        reason = f"download from {urlsplit(file.url).netloc} failed ({_reason(error)})"
-    except ValueError:
-        reason = f"{file.url} sent another file (its SHA-256 or size is wrong)"
-    except OSError as error:
-        why = "is full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else f"cannot be written to ({_reason(error)})"
-        raise DatasetError(f"data folder {folder} {why}; make room there or name another with NRSFM_DATA") from None
-    raise MissingData(_sorry(folder, file, reason))

@@ -1,6 +1,7 @@
-"""C3D files from strangers: sizes checked before memory is taken, one clear line when something is off.
+"""Markers of C3D files, with one clear line about a file that cannot be used.
 
-ezc3d does the reading, in a process of its own with limits (:mod:`nrsfm.datasets.readers.apart`): damaged files end or hang it.
+The header is checked here, before memory is taken. ezc3d reads the rest in a guarded process
+(:mod:`nrsfm.datasets.readers.guarded`), since damaged files crash or hang it.
 
 References
 ----------
@@ -35,7 +36,7 @@ BYTES_A_POSITION = 512  # of memory
 
 @dataclass(frozen=True)
 class Markers:
-    """What a C3D file holds.
+    """Markers of a C3D file.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Markers:
     rate : float
         Frames a second.
     first_frame : int
-        Number of the first frame, from 1 on, in the recording that the file was cut from.
+        Number of the first frame in the recording that the file was cut from, counted from 1.
     unit : str
         Unit of length, as stored: ``mm``, ``cm``, ``m``.
     """
@@ -76,8 +77,8 @@ def read_c3d(path: Path) -> Markers:
         frames, points, first = _header(path)
         stored = read_guarded("c3d", path, BYTES_A_POSITION * frames * points)
         if stored["points"].shape != (frames, 3, points):
-            found, _, held = stored["points"].shape
-            raise Damaged(f"its header tells of {frames} frames of {points} points, {found} of {held} were found")
+            n, _, m = stored["points"].shape
+            raise Damaged(f"its header states {frames} frames of {points} points, {n} of {m} were found")
         if len(stored["labels"]) < points:
             raise Damaged(f"it holds {points} points and {len(stored['labels'])} labels")
         rate = float(stored["rate"])
@@ -93,7 +94,7 @@ def read_c3d(path: Path) -> Markers:
 
 
 def _header(path: Path) -> tuple[int, int, int]:
-    """Frames, points a frame and the first frame's number, once the file is long enough to hold them."""
+    """Number of frames, points of a frame, and the first frame's number; Damaged if the file is too short for them."""
     size = path.stat().st_size
     with path.open("rb") as stream:
         head = stream.read(BLOCK)
@@ -112,7 +113,7 @@ def _header(path: Path) -> tuple[int, int, int]:
     if points == 0:
         raise Damaged("it holds no points")
     if frames < 1 or start <= head[0]:
-        raise Damaged(f"its header tells of frames {first} to {last}, from block {start} on")
+        raise Damaged(f"its header states frames {first} to {last}, from block {start} on")
     if frames * points > LARGEST:
         raise Damaged(f"it holds {frames * points} positions, more than {LARGEST}; cut it into shorter takes")
     lacking = (start - 1) * BLOCK + frames * (4 * points + analog) * (4 if as_float else 2) - size

@@ -108,14 +108,14 @@ def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
     most = max(1_000_000, SPARSE * len(table))
     if most < F * P:
         raise DatasetError(
-            f"{path}: {len(table)} lines of {F} frames and {P} tracks are less than 1 in {SPARSE} observed; give a track "
-            "one name in all frames that it is seen in"
+            f"{path}: {len(table)} lines of {F} frames and {P} tracks are less than 1 in {SPARSE} observed; give a "
+            "track one name in all frames that it is seen in"
         )
     f, p = frame_rank[table["frame"]], track_rank[table["track"]]
     twice = table.duplicated(["frame", "track"]).to_numpy()
     if twice.any():
         frame, track = frame_names[f[twice][0]][:40], ids[p[twice][0]][:40]
-        raise DatasetError(f"{path}: frame {frame!a}, track {track!a} stands there twice; leave one of the lines out")
+        raise DatasetError(f"{path}: frame {frame!a}, track {track!a} occurs twice; leave one of the lines out")
     W = np.full((F, 2, P), np.nan)
     W[f, :, p] = table[["x", "y"]]
     if "label" not in header:
@@ -169,8 +169,8 @@ def _labels(path: Path, table: pd.DataFrame, tracks: list[str], labels: list[str
     pairs = table[["track", "label"]].drop_duplicates().sort_values(["track", "label"])
     if (twice := pairs.loc[pairs["track"].duplicated(), "track"]).size:
         track = int(twice.iloc[0])
-        found = " and ".join(ascii(labels[k][:40]) for k in pairs.loc[pairs["track"] == track, "label"][:2])
-        raise DatasetError(f"{path}: track {tracks[track][:40]!a} has the labels {found}; give it one in all its lines")
+        both = " and ".join(ascii(labels[k][:40]) for k in pairs.loc[pairs["track"] == track, "label"][:2])
+        raise DatasetError(f"{path}: track {tracks[track][:40]!a} has the labels {both}; give it one in all its lines")
     return [labels[k] for k in pairs["label"]]
 
 
@@ -185,7 +185,7 @@ def _wide(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
         check_size(path, first + len(rows), len(ids))
         _indices(frames, [row[0] for row in rows] if framed else map(str, range(first, first + len(rows))))
         if len(frames) < first + len(rows):
-            raise DatasetError(f"{path}: a frame stands there twice, in line {numbers[-1]} or before; leave one out")
+            raise DatasetError(f"{path}: a frame occurs twice, in line {numbers[-1]} or before; leave one out")
         cells = [cell for row in rows for cell in row[framed:]]
         values = _coordinates(path, np.repeat(numbers, 2 * len(ids)), "x or y", cells)
         parts.append(values.reshape(len(rows), len(ids), 2))

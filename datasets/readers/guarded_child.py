@@ -1,8 +1,8 @@
 """The second process of :mod:`nrsfm.datasets.readers.guarded`: reads one file with a library that may crash on it.
 
 Standard input holds a JSON list: kind, file, result, seconds, bytes and further arguments of the reader. The result is
-an .npz file. The exit code is 1 for a file that cannot be read and 2 for one that does not hold what is wanted, with the
-reason in the last line of standard error.
+an .npz file. The exit code is 1 for a file that cannot be read and 2 for one that does not hold what is wanted. The
+last line of standard error gives the reason.
 """
 
 from __future__ import annotations

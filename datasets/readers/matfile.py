@@ -20,7 +20,8 @@ from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.public.catalogue import CATALOGUE, sha256
 from nrsfm.datasets.readers import guarded_child
-from nrsfm.datasets.readers.guarded import Damaged, Unwanted, read_guarded
+from nrsfm.datasets.readers.guarded import Damaged, read_guarded
+from nrsfm.datasets.readers.guarded_child import Unwanted
 from nrsfm.datasets.readers.limits import allowance, reason
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -81,7 +82,7 @@ def _is_known(path: Path) -> bool:
 
 
 def _kind(path: Path) -> str:
-    """``mat73`` if the HDF5 signature is at the start of the file or behind MATLAB's head of 512 bytes, else ``mat``."""
+    """``mat73`` if the HDF5 signature is at the start or behind MATLAB's head of 512 bytes, else ``mat``."""
     with path.open("rb") as stream:
         head = stream.read(520)
     if HDF5_SIGNATURE not in (head[512:], head[:8]):

@@ -1,4 +1,4 @@
-"""NumPy archives from strangers: sizes checked before memory is taken, no pickled objects."""
+"""NumPy archives (.npz) from strangers: sizes are checked before memory is taken, and nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.readers.limits import allowance, claim, reason
 
-PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as numpy writes them; others take memory that no header tells
+PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others take memory that no header states
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
@@ -26,14 +26,14 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
     ----------
     path : Path
     names : collection of str, optional
-        Those that are read where they are there; all by default.
+        Arrays that are read if they are there; all by default.
 
     Raises
     ------
     MissingData
         If the file is not there.
     DatasetError
-        If it cannot be read, an array holds objects, is too large or not as large as it says.
+        If it cannot be read, or an array holds objects, is too large or not of the size that it states.
     """
     existing(path, "set NRSFM_DATA to its folder")
     arrays: dict[str, NDArray[Any]] = {}
@@ -54,6 +54,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArray[Any]:
+    """One array of an archive; ValueError if it may not be read or takes more than ``room`` bytes."""
     if info.compress_type not in PLAIN:
         raise ValueError(f"{info.filename!a} is compressed in another way than numpy does")
     with archive.open(info) as stream:
@@ -70,5 +71,5 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, room: int) -> NDArra
             raise ValueError(f"{info.filename!a} {claim(max(size, numbers))}")
         data = stream.read(size + 1)
     if len(data) != size:
-        raise ValueError(f"{info.filename!a} does not hold as many numbers as it says")
+        raise ValueError(f"{info.filename!a} does not hold as many numbers as it states")
     return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")

@@ -1,4 +1,4 @@
-"""Tracks and what is known of them as arrays of a file: the fields of an .npz or MATLAB file, by their usual names."""
+"""Tracks, cameras, structure and labels in the fields of .npz and MATLAB files, by their usual names."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for ea
 
 @dataclass(frozen=True)
 class TrackFile:
-    """What a file of tracks holds, before it is held against each other.
+    """Contents of a file of tracks, before they are checked against each other.
 
     Parameters
     ----------
     tracks : (F, 2, P) array
         NaN where a track is not observed.
     frames, ids : tuple of str
-        What the file calls its frames and tracks.
+        Names of the frames and tracks in the file.
     cameras : (F, 2, 3) array or None
     structure : (F, 3, P) array or None
     labels : (P,) int array or None
     bodies : tuple of str
-        What the file calls its labels.
+        Names of the labels in the file.
     """
 
     tracks: Array
@@ -65,43 +65,44 @@ def read_fields(path: Path) -> TrackFile:
 
     ``tracks`` or ``W`` is (F, 2, P), or (2F, P) with rows x, y for each frame; so are ``cameras``, ``R`` or ``Rs``,
     (F, 2, 3) or (2F, 3), and ``structure`` or ``S``, (F, 3, P) or (3F, P). ``labels`` or ``s`` is (P,), (P, 1) or
-    (1, P), ``visible`` (F, P) of 0 and 1. All but the tracks may be absent. Frames and tracks are called by their
-    place, from 0 on.
+    (1, P), ``visible`` (F, P) of 0 and 1. All but the tracks may be absent. Frames and tracks are named by their
+    index, from 0 on.
 
     Raises
     ------
     DatasetError
-        If the file cannot be read, a field stands there under two names, is not numeric or has no such shape.
+        If the file cannot be read, or a field is there under two names, is not numeric or has another shape.
     """
     every = [name for names in NAMES.values() for name in names]
     stored: Mapping[str, NDArray[Any]]
     stored = read_npz(path, every) if path.suffix.lower() == ".npz" else read_mat(path, [], every)
-    held = {field: (name, stored[name]) for field in NAMES if (name := _one(path, field, stored))}
-    if "tracks" not in held:
+    fields = {field: (name, stored[name]) for field in NAMES if (name := _name_of(path, field, stored))}
+    if "tracks" not in fields:
         raise DatasetError(f"{path}: it holds no tracks; {SAVE}")
-    W = _frames(path, *held["tracks"], rows=2, columns=None)
+    W = _frames(path, *fields["tracks"], rows=2, columns=None)
     F, _, P = W.shape
-    if "visible" in held:
-        W = _hide(path, *held["visible"], W)
-    labels, bodies = _labels(path, *held["labels"], P) if "labels" in held else (None, ())
+    if "visible" in fields:
+        W = _hide(path, *fields["visible"], W)
+    labels, bodies = _labels(path, *fields["labels"], P) if "labels" in fields else (None, ())
     frames, ids = (tuple(map(str, range(n))) for n in (F, P))
     more = {
-        field: _frames(path, *held[field], rows=rows, columns=columns, frames=F)
+        field: _frames(path, *fields[field], rows=rows, columns=columns, frames=F)
         for field, rows, columns in (("cameras", 2, 3), ("structure", 3, P))
-        if field in held
+        if field in fields
     }
     return TrackFile(W, frames, ids, labels=labels, bodies=bodies, **more)
 
 
-def _one(path: Path, field: str, stored: Mapping[str, Any]) -> str:
+def _name_of(path: Path, field: str, stored: Mapping[str, Any]) -> str:
     """The name under which a field is there, "" for none."""
-    found = [name for name in NAMES[field] if name in stored]
-    if len(found) > 1:
-        raise DatasetError(f"{path}: it holds {field} twice, as {' and '.join(found)}; leave one of them out")
-    return found[0] if found else ""
+    names = [name for name in NAMES[field] if name in stored]
+    if len(names) > 1:
+        raise DatasetError(f"{path}: it holds {field} twice, as {' and '.join(names)}; leave one of them out")
+    return names[0] if names else ""
 
 
 def _numbers(path: Path, name: str, value: NDArray[Any], kinds: str = "fiu") -> NDArray[Any]:
+    """The value; DatasetError unless its dtype is of one of the kinds."""
     if value.dtype.kind not in kinds:
         raise DatasetError(f"{path}: field {name} is of type {value.dtype}, wanted numbers")
     return value
@@ -110,7 +111,7 @@ def _numbers(path: Path, name: str, value: NDArray[Any], kinds: str = "fiu") -> 
 def _frames(
     path: Path, name: str, value: NDArray[Any], *, rows: int, columns: int | None, frames: int | None = None
 ) -> Array:
-    """(F, rows, columns), also of (rows F, columns)."""
+    """An array (F, rows, columns), from one of that shape or from (rows F, columns); None allows any number."""
     value, shape = _numbers(path, name, value), value.shape
     if value.ndim == 2 and value.shape[0] % rows == 0:
         value = value.reshape(value.shape[0] // rows, rows, value.shape[1])
@@ -129,7 +130,7 @@ def _frames(
 
 
 def check_size(path: Path, n_frames: int, n_points: int) -> None:
-    """Raise DatasetError if a file is of more than :data:`MOST` positions, or of many frames or tracks."""
+    """Raise DatasetError if a file has more than :data:`MOST` positions, or :data:`LONGEST` frames or tracks."""
     if n_frames * n_points > MOST or max(n_frames, n_points) > LONGEST:
         raise DatasetError(
             f"{path}: it holds {n_frames} frames of {n_points} tracks, more than {MOST} positions or {LONGEST} frames "
@@ -156,7 +157,7 @@ def _hide(path: Path, name: str, value: NDArray[Any], W: Array) -> Array:
 
 
 def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Labels 0, 1, ... and what the file calls them."""
+    """Labels 0, 1, ... and their names in the file."""
     value = _numbers(path, name, value, "fiubU")
     if value.shape not in ((n_points,), (n_points, 1), (1, n_points)):
         raise DatasetError(
@@ -171,9 +172,9 @@ def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[
 
 
 def named(path: Path, field: str, words: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Indices of words, numbers in their order and others in the alphabet's, and each word once.
+    """Indices (n,) of words in the sorted list of different words, and that list; numbers are sorted by value.
 
-    Raises DatasetError if a word is empty, long or does not print.
+    Raises DatasetError if a word is empty, long or not printable.
     """
     once = sorted(set(words), key=order)
     check_words(path, field, once)
@@ -182,7 +183,7 @@ def named(path: Path, field: str, words: list[str]) -> tuple[NDArray[np.int64], 
 
 
 def order(word: str) -> tuple[bool, float, str]:
-    """A key that sorts numbers by value, before other words."""
+    """Sort key of a word: numbers by value, before other words."""
     try:
         value = float(word)
     except ValueError:
@@ -191,7 +192,7 @@ def order(word: str) -> tuple[bool, float, str]:
 
 
 def check_words(path: Path, field: str, words: list[str]) -> None:
-    """Raise DatasetError unless names are of 1 to 100 characters that print."""
+    """Raise DatasetError unless names have 1 to 100 printable characters."""
     odd = next((word for word in words if not (0 < len(word) <= 100 and word.isprintable())), None)
     if odd is not None:
-        raise DatasetError(f"{path}: {field} {odd[:40]!a} is no name, wanted 1 to 100 characters that print")
+        raise DatasetError(f"{path}: {field} {odd[:40]!a} is not a name, wanted 1 to 100 printable characters")

@@ -1,4 +1,4 @@
-"""The dense sequences: a point for every pixel of a face, a back, a heart.
+"""Garg et al.'s dense sequences: a point for every pixel of a face, a back, a heart.
 
 Garg, Roussos, Agapito, "Dense variational reconstruction of non-rigid surfaces from monocular video", CVPR 2013.
 """
@@ -22,7 +22,7 @@ from nrsfm.datasets.scene import Scene
 FIELDS = {"tracks": "W", "structure": "S"}
 
 
-FIT = 0.02  # share of the tracks that the true structure may leave unexplained
+FIT = 0.02  # largest share of the tracks that the true structure may leave unexplained
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     Parameters
     ----------
     settings : mapping
-        Those of ``conf/dataset/garg.yaml``. ``fields`` is what the file calls its tracks (2F, P), F rows of x and then F
-        rows of y, and its structure (3F, P), rows x, y, z for each frame or three blocks of F rows. Of these two layouts
-        the one is taken that explains the tracks.
+        Those of ``conf/dataset/garg.yaml``. ``fields`` names the file's tracks (2F, P), F rows of x and then F rows of
+        y, and its structure (3F, P), rows x, y, z for each frame or three blocks of F rows. Of these two layouts, the
+        one that explains the tracks is taken.
     folder : Path
         The data folder, which holds ``garg/``.
 

@@ -16,11 +16,11 @@ from nrsfm.datasets.public.catalogue import HOPKINS, sha256
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.scene import Scene
 
-#: The 155 scenes by name; ``dancing``, which the archive holds as well, is none of them.
+#: Names of the 155 scenes; the archive also holds ``dancing``, which is not one of them.
 SCENES: tuple[str, ...] = tuple(HOPKINS)
 
 
-#: The 35 scenes of three motions: those of which the archive also holds two at a time (``_g12``, ``_g13``, ``_g23``).
+#: Names of the 35 scenes of three motions, of which the archive also holds each two (``_g12``, ``_g13``, ``_g23``).
 THREE_MOTIONS: tuple[str, ...] = tuple(name for name in SCENES if f"{name}_g12" in SCENES)
 
 

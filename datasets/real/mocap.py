@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, Body, no_edges, register
+from nrsfm.datasets.composition import compose, placement_of
 from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.generated.motion import VERSION
 from nrsfm.datasets.generated.procedural import stand_in as generated_body
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.matfile import read_mat
-from nrsfm.datasets.scene import Scene, compose, placement_of
+from nrsfm.datasets.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -187,10 +188,10 @@ def load_scene(
     bodies : sequence of str
         Names of sequences.
     turn_upright : bool or names of sequences
-        As for :func:`nrsfm.datasets.scene.compose`. The names may be of sequences that are not in the scene, so that one
+        As for :func:`nrsfm.datasets.composition.compose`. Sequences that are not in the scene may be named, so that one
         setting serves many scenes.
     placement
-        Further arguments of :func:`nrsfm.datasets.scene.compose`.
+        Further arguments of :func:`nrsfm.datasets.composition.compose`.
     """
     loaded = [load_body(folder, name, motion, stand_in) for name in bodies]
     if isinstance(turn_upright, list):

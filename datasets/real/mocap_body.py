@@ -11,10 +11,11 @@ import numpy as np
 
 from nrsfm.datasets.body import Body, centre
 from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.composition import view
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real.mocap import body_digest, expect, file_of, load_body, recording
-from nrsfm.datasets.scene import Scene, view
+from nrsfm.datasets.scene import Scene
 
 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
@@ -36,8 +37,8 @@ def load_recording(folder: Path, name: str, stand_in: bool = False) -> Body:
     """Read one sequence as it is stored, with its own cameras: the field ``Rs``, or a fixed camera.
 
     The body keeps its own motion (``native``). A stand-in is seen by a camera that circles at 5 degrees a frame.
-    Parameters and exceptions as for :func:`nrsfm.datasets.real.mocap.load_body`; a file whose tracks W are not R S raises
-    DatasetError.
+    Parameters and exceptions as for :func:`nrsfm.datasets.real.mocap.load_body`. A file whose tracks W are not R S
+    raises DatasetError.
     """
     body = load_body(folder, name, "native", stand_in)
     camera = recording(name).camera

@@ -1,4 +1,4 @@
-"""Which points of a dense body or image are neighbours, and an even choice of few among many."""
+"""Neighbours among the points of a dense body or image, and an even choice of few among many."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from nrsfm.datasets.body import Array
-from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.errors import check_whole
 
 Edges = NDArray[np.int64]
 
@@ -31,13 +31,13 @@ def pixel_edges(pixels: NDArray[np.int64]) -> Edges:
     pairs = []
     for step in (1, wide):
         at = np.minimum(np.searchsorted(place[order], place + step), len(place) - 1)
-        found = place[order][at] == place + step
-        pairs.append(np.column_stack([np.flatnonzero(found), order[at[found]]]))
+        filled = place[order][at] == place + step
+        pairs.append(np.column_stack([np.flatnonzero(filled), order[at[filled]]]))
     return np.concatenate(pairs)
 
 
 def on_pixels(image: Array) -> NDArray[np.int64] | None:
-    """The pixels of (2, P) image positions, when they lie on different points of a grid of whole numbers; else None."""
+    """The pixels (P, 2) of (2, P) image positions; None unless they are whole numbers and no two alike."""
     whole = np.rint(image)
     if np.abs(image - whole).max() > 1e-6 or np.abs(whole).max() > 2**30:
         return None
@@ -46,7 +46,7 @@ def on_pixels(image: Array) -> NDArray[np.int64] | None:
 
 
 def nearest_edges(points: Array, k: int = 4) -> Edges:
-    """Each of (d, P) points joined to the ``k`` nearest others, each pair once."""
+    """Pairs (E, 2) of each of (d, P) points and its ``k`` nearest others, each pair once."""
     P = points.shape[1]
     k = min(k, P - 1)
     near = KDTree(points.T).query(points.T, k + 1)[1]
@@ -56,10 +56,10 @@ def nearest_edges(points: Array, k: int = 4) -> Edges:
 
 
 def even_choice(points: Array, n: int | None) -> NDArray[np.int64]:
-    """Indices, ascending, of ``n`` of (2, P) points that cover all of them evenly; None chooses all.
+    """Ascending indices of ``n`` of (2, P) points that cover the image evenly; None chooses all.
 
-    The points are walked along the Z-order curve, which stays within a neighbourhood before it goes on, and the walk is
-    cut into equal steps.
+    The points are sorted along the Z-order curve, which fills one neighbourhood after the other, and taken in equal
+    steps.
 
     Raises
     ------
@@ -69,8 +69,7 @@ def even_choice(points: Array, n: int | None) -> NDArray[np.int64]:
     P = points.shape[1]
     if n is None:
         return np.arange(P)
-    if isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= P:
-        raise DatasetError(f"dataset.points is {n!r}, wanted 2..{P}, or null for all")
+    check_whole("dataset.points", n, 2, P, ", or null for all")
     span = np.ptp(points, axis=1).max() or 1.0
     cell = ((points - points.min(axis=1, keepdims=True)) / span * (2**16 - 1)).astype(np.uint64)
     code = _spread_bits(cell[0]) | (_spread_bits(cell[1]) << np.uint64(1))
@@ -79,7 +78,7 @@ def even_choice(points: Array, n: int | None) -> NDArray[np.int64]:
 
 
 def _spread_bits(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Sixteen bits with a zero between each two."""
+    """The lowest sixteen bits of each number, with a zero bit between each two."""
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         x = (x | (x << np.uint64(shift))) & np.uint64(mask)
     return x

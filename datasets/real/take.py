@@ -1,4 +1,4 @@
-"""Takes of several people in one room, as C3D files hold them: which marker belongs to whom, and when it was seen.
+"""Takes of several people in one room, from C3D files: which marker belongs to whom, and when it was seen.
 
 UMPM: van der Aa, Luo, Giezeman, Tan, Veltkamp, "UMPM benchmark: a multi-person dataset with synchronized video and
 motion capture data", HACV 2011.
@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from nrsfm.datasets.body import Body, observed
+from nrsfm.datasets.composition import captured
 from nrsfm.datasets.errors import DatasetError, check_name, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.c3dfile import read_c3d
 from nrsfm.datasets.real.thinning import Thinning
-from nrsfm.datasets.scene import Scene, captured
+from nrsfm.datasets.scene import Scene
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
@@ -76,7 +77,7 @@ def load_c3d(
     persons : sequence of str, optional
         Prefixes of labels; by default all that :func:`bodies` takes for people.
     others : {"none", "objects", "all"}
-        Leave out whatever is no person; keep objects, each a body; or keep the unlabelled markers as well, as one more.
+        Keep people alone; objects too, each a body; or unlabelled markers too, as one more body.
     vertical : {"y", "z"}
         The axis that points up.
     thinning : Thinning, optional
@@ -122,16 +123,16 @@ def find(folder: Path, group: str, take: str) -> Path:
 def bodies(
     path: Path, labels: Sequence[str], persons: Sequence[str] | None = None, others: str = "none"
 ) -> Mapping[str, list[int]]:
-    """Markers by the body that their labels name, people first.
+    """Indices of the markers of each body, people first.
 
-    ``LEFT:lkneefr`` is the marker lkneefr of the set LEFT, ``*12`` has no label. A set of 15 markers and more is a
-    person, a smaller one an object; so is a name without a set, unless there is no set at all: then 15 names and more
-    are one person, and those of a file of virtual markers, ``*_vm.c3d``, one person for every 15.
+    ``LEFT:lkneefr`` is the marker lkneefr of the set LEFT; ``*12`` has no label. A set of 15 markers or more is a
+    person, a smaller one an object. A name without a set is an object, unless there is no set at all. Then 15 names or
+    more are one person, and in a file of virtual markers, ``*_vm.c3d``, every 15 are one person.
 
     Parameters
     ----------
     path : Path
-        Of the file, for its name and for errors.
+        The file, for its name and for errors.
     labels : sequence of str
     persons : sequence of str, optional
         Sets that are people.
@@ -141,7 +142,7 @@ def bodies(
     Raises
     ------
     DatasetError
-        If there is no person or not the one asked for, or a body has two markers of one label.
+        If there is no person, a set of ``persons`` is not there, or a body has two markers of one label.
     """
     if others not in OTHERS:
         raise DatasetError(f"dataset.others is {others!r}, wanted one of {', '.join(OTHERS)}")
@@ -175,7 +176,7 @@ def bodies(
 
 
 def _in_order(markers: list[int]) -> dict[str, list[int]]:
-    """Virtual markers, person after person."""
+    """Virtual markers of each person; 15 in a row are one person."""
     if len(markers) % PERSON:
         raise DatasetError(f"{len(markers)} virtual markers are not {PERSON} a person")
     return {f"person{k + 1}": markers[k * PERSON : (k + 1) * PERSON] for k in range(len(markers) // PERSON)}

@@ -1,4 +1,4 @@
-"""Which frames and markers of a long take are kept."""
+"""Choice of frames and markers of a long take."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 
 @dataclass(frozen=True)
 class Thinning:
-    """Which frames of a take are kept, and which markers.
+    """Choice of the frames and markers of a take.
 
     Parameters
     ----------
     video_rate : float or None
-        Frames a second to thin the markers to, as the video beside them has; None keeps the markers' own rate.
+        Frames a second of the video, to which the markers are thinned; None keeps the markers' own rate.
     span : [first, last] or None
-        Frames of that rate, counted from 0 on, the last one excluded; None takes all.
+        Frames of that rate, counted from 0, the last one excluded; None takes all.
     stride : int or None
-        Every stride-th of those is kept; None takes the least that leaves at most ``most``.
+        Every stride-th of those is kept; None takes the smallest stride that leaves at most ``most`` frames.
     most : int
-        Frames.
+        Number of frames at most.
     least_seen : float
-        Markers seen in a smaller share of the kept frames are left out, and so are those never seen.
+        Markers seen in a smaller share of the kept frames, or never, are left out.
     """
 
     video_rate: float | None = None
@@ -46,7 +46,7 @@ class Thinning:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Thinning:
-        """The thinning of a dataset's settings: ``range``, ``stride`` and ``frames``, and the others if they are there."""
+        """The thinning of a dataset's settings ``range``, ``stride``, ``frames``, and the others if they are there."""
         return cls(
             video_rate=settings.get("video_rate"),
             span=settings["range"],

@@ -1,4 +1,4 @@
-"""Tracks of one's own: read from a file, tidied, and held against what the file says of the truth."""
+"""Scenes of a user's own tracks: read from a file, cleaned, and checked against the truth in the file."""
 
 from __future__ import annotations
 
@@ -56,26 +56,27 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
 def load_tracks(path: Path, name: str | None = None) -> Scene:
     """Read tracks, and cameras, truth and labels where the file has them.
 
-    Arrays as :func:`nrsfm.datasets.readers.trackfields.read_fields` says, CSV as :mod:`nrsfm.datasets.readers.csvfile`. A .c3d file holds markers
-    in 3D; an orbiting camera sees them, as with ``dataset=c3d`` and its settings.
+    The fields of .npz and .mat files are those of :func:`nrsfm.datasets.readers.trackfields.read_fields`, the layouts
+    of .csv files those of :mod:`nrsfm.datasets.readers.csvfile`. Markers of a .c3d file are seen by an orbiting camera,
+    as with ``dataset=c3d`` and its settings.
 
     Frames that show fewer than two tracks, and tracks that are seen in fewer than two frames, are left out: no method
     can place them. Tracks are centred per frame. A true structure is scaled to the units of the tracks. The scene's
-    ``notes`` say what was done.
+    ``notes`` list these changes.
 
     Parameters
     ----------
     path : Path
         ``.npz``, ``.mat``, ``.csv`` or ``.c3d``.
     name : str, optional
-        Scene name; made of the file's by default.
+        Scene name; by default made from the file's name.
 
     Raises
     ------
     MissingData
         If the file is not there.
     DatasetError
-        If it is of no such kind, cannot be read, or its fields do not fit each other. One line, with the remedy.
+        If it is of another kind, cannot be read, or its fields do not fit each other. One line, with the remedy.
     """
     existing(path, f"name a file of tracks ({', '.join(SUFFIXES)})")
     suffix = path.suffix.lower()
@@ -89,12 +90,12 @@ def load_tracks(path: Path, name: str | None = None) -> Scene:
 
 
 def title(file: str | Path) -> str:
-    """A scene's name, made of its file's."""
+    """A scene's name, made from its file's name."""
     return re.sub(r"[^A-Za-z0-9._+-]+", "_", Path(file).stem)[:60].strip("_") or "tracks"
 
 
 def find(file: object, folder: Path) -> Path:
-    """``dataset.file`` from the current folder or, where it is not there, from the data folder."""
+    """Path of ``dataset.file`` in the current folder or, if it is not there, in the data folder."""
     if not isinstance(file, str) or not file:
         raise DatasetError(f"dataset.file is {file!r}, wanted the name of a file of tracks")
     path = Path(file).expanduser()
@@ -141,14 +142,14 @@ def _scene(path: Path, parts: TrackFile, name: str) -> Scene:
 
 
 def _check_numbers(path: Path, parts: TrackFile) -> None:
-    """Raise DatasetError on infinite numbers, positions of which one coordinate is NaN, and truth that lacks."""
+    """Raise DatasetError on infinite numbers, positions with one NaN coordinate, and gaps in the truth."""
 
     def first(bad: NDArray[np.bool_]) -> str:
         frame, track = np.argwhere(bad)[0]
         return f"frame {parts.frames[frame]}, track {parts.ids[track]}"
 
-    for held in (parts.tracks, parts.structure, parts.cameras):
-        if held is not None and (np.abs(held[np.isfinite(held)]) > HUGE).any():
+    for value in (parts.tracks, parts.structure, parts.cameras):
+        if value is not None and (np.abs(value[np.isfinite(value)]) > HUGE).any():
             raise DatasetError(f"{path}: it holds numbers above {HUGE:g}; bring it to other units")
     W = parts.tracks
     if np.isinf(W).any():
@@ -167,7 +168,7 @@ def _check_numbers(path: Path, parts: TrackFile) -> None:
 
 
 def _kept(path: Path, seen: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Frames that show two tracks and tracks that are seen in two frames, of what is kept."""
+    """Frames (F,) and tracks (P,) that are kept: each frame shows two kept tracks, each track is in two kept frames."""
     frames, points = np.ones(seen.shape[0], dtype=bool), np.ones(seen.shape[1], dtype=bool)
     for _ in range(ROUNDS):
         part = seen & frames[:, None] & points
@@ -186,13 +187,13 @@ def _kept(path: Path, seen: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArr
 
 
 def _list(word: str, ids: Sequence[str]) -> str:
-    """``3 frames (7, 8, 9)``."""
+    """Words such as ``3 frames (7, 8, 9)``."""
     shown = ", ".join(ids[:5]) + (", ..." if len(ids) > 5 else "")
     return f"{len(ids)} {word}{'' if len(ids) == 1 else 's'} ({shown})"
 
 
 def _orthonormal(path: Path, cameras: Array) -> Array:
-    """Cameras with orthonormal rows, round-off removed."""
+    """The nearest cameras with orthonormal rows; DatasetError if they are further away than round-off."""
     off = float(np.abs(cameras @ cameras.transpose(0, 2, 1) - np.eye(2)).max())
     if not off < ROUND_OFF:
         raise DatasetError(
@@ -200,15 +201,16 @@ def _orthonormal(path: Path, cameras: Array) -> Array:
             "by its scale, or leave the cameras out to have them estimated"
         )
     U, _, Vt = np.linalg.svd(cameras, full_matrices=False)
-    return U @ Vt
+    return np.asarray(U @ Vt)
 
 
 def _scaled(
     path: Path, W: Array, seen: NDArray[np.bool_], structure: Array, cameras: Array | None
 ) -> tuple[Array, str]:
-    """The true structure, centred per frame, in the units of the tracks; and what was done to it, "" for nothing.
+    """The true structure, centred per frame, in the units of the tracks; and a note if it was scaled, else "".
 
-    Without cameras, affine ones are fitted to each frame: of orthographic ones rows have the length of the scale.
+    Without cameras, affine ones are fitted to each frame. Their rows have the length of the scale if the true cameras
+    are orthographic.
     """
     S = np.where(seen[:, None], structure, 0)
     S = np.where(seen[:, None], S - S.sum(axis=2, keepdims=True) / seen.sum(axis=1)[:, None, None], 0)

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import captured
 from nrsfm.datasets.errors import DatasetError, check_name, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.limits import HUGE
 from nrsfm.datasets.readers.npzfile import read_npz
 from nrsfm.datasets.real.thinning import Thinning
-from nrsfm.datasets.scene import Scene, captured
+from nrsfm.datasets.scene import Scene
 
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
 
@@ -84,7 +85,7 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
 def _fields(
     file: Path, arrays: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """Names, parents and the time step, once they fit the people's joints."""
+    """Names (J,) and parents (J,) of the joints, and the time step; DatasetError unless they fit the people."""
     for key in ("names", "parents", "dt"):
         if key not in arrays:
             known = ", ".join(ascii(name[:40]) for name in list(arrays)[:20])

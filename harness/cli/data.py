@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.public import catalogue as sources
+from nrsfm.datasets.public import download
 from nrsfm.harness.cli.parser import Parser
 from nrsfm.harness.config.compose import data_folder
 from nrsfm.harness.record.errors import UsageError
@@ -114,7 +115,7 @@ def _with_progress(folder: Path, wanted: Sequence[sources.File]) -> list[tuple[s
     """Fetch, with a bar on a terminal and in silence elsewhere."""
     paths = [file.path for file in wanted]
     if not sys.stdout.isatty():
-        return sources.get(folder, paths)
+        return download.get(folder, paths)
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
@@ -126,7 +127,7 @@ def _with_progress(folder: Path, wanted: Sequence[sources.File]) -> list[tuple[s
             done[file.path] = n
             bars.update(total, completed=sum(done.values()), description=file.path)
 
-        return sources.get(folder, paths, progress)
+        return download.get(folder, paths, progress)
 
 
 def _verify(folder: Path, asked: argparse.Namespace) -> int:

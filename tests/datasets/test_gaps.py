@@ -33,8 +33,10 @@ def test_a_draw_follows_scene_kind_share_and_repeat() -> None:
 def test_stretches_are_of_the_length_that_is_asked() -> None:
     """Runs of hidden frames start and end where a stretch does, or at a neighbour that is hidden as well."""
     visible = drop(W, "stretches", 0.3, 10, 0, "s")
-    inner, single = [], drop(W, "random", 0.3, 1, 0, "s")
-    for hidden, runs in ((~visible, inner), (~single, alone := [])):
+    single = drop(W, "random", 0.3, 1, 0, "s")
+    inner: list[int] = []
+    alone: list[int] = []
+    for hidden, runs in ((~visible, inner), (~single, alone)):
         for track in hidden.T:
             edges = np.flatnonzero(np.diff(np.r_[0, track.astype(int), 0]))
             starts, ends = edges[::2], edges[1::2]
@@ -60,7 +62,7 @@ def test_nothing_dropped() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         (("some", 0.1, 1), "gaps.kind is 'some'"),
         (("random", 1.0, 1), "gaps.share is 1.0"),
@@ -72,6 +74,7 @@ def test_nothing_dropped() -> None:
         (("random", 0.99, 1), "more than can be dropped"),
     ],
 )
-def test_settings_that_cannot_be(settings: tuple[Any, ...], said: str) -> None:
-    with pytest.raises(DatasetError, match=said):
-        drop(W, *settings, 0, "s")
+def test_settings_out_of_range(settings: tuple[Any, Any, Any], message: str) -> None:
+    kind, share, length = settings
+    with pytest.raises(DatasetError, match=message):
+        drop(W, kind, share, length, 0, "s")

@@ -1,4 +1,4 @@
-"""How many files were tried, said at the end."""
+"""Number of files that each reader was tried on, printed at the end."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of every reader, a process each: ``python -m tests.fuzz.coverage [READER ...]``.
 
-Prints how many inputs each was given. What a reader should have survived is kept in the folder ``--keep``, and the
-exit code is then 1. Needs atheris (the extra ``fuzz``).
+Prints how many inputs each reader took. Inputs that a reader did not survive are kept in the folder ``--keep``, and
+the exit code is then 1. Needs atheris (the extra ``fuzz``).
 """
 
 from __future__ import annotations
@@ -24,21 +24,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.coverage", description=__doc__.partition("\n")[0])
     parser.add_argument("readers", nargs="*", help="all that read in their own process, by default")
     parser.add_argument("--seconds", type=int, default=int(os.environ.get("FUZZ_SECONDS", "60")), help="for each")
-    parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder of what was found")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that a reader did not survive"
+    )
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.one:
-        _fuzz(given.readers[0], given.seconds, given.keep)
+    arguments = parser.parse_args()
+    if arguments.one:
+        _fuzz(arguments.readers[0], arguments.seconds, arguments.keep)
     from tests.fuzz.readers import READERS
 
     total = 0
-    for name in given.readers or [name for name, reader in READERS.items() if not reader.apart]:
+    for name in arguments.readers or [name for name, reader in READERS.items() if not reader.apart]:
         if READERS[name].apart:
             parser.error(f"{name} reads in a process of its own, which coverage does not reach")
-        given.keep.mkdir(parents=True, exist_ok=True)
+        arguments.keep.mkdir(parents=True, exist_ok=True)
         begun = time.monotonic()
         command = [sys.executable, "-m", "tests.fuzz.coverage", "--one", name]
-        command += ["--seconds", str(given.seconds), "--keep", str(given.keep)]
+        command += ["--seconds", str(arguments.seconds), "--keep", str(arguments.keep)]
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
         count = re.search(r"number_of_executed_units: (\d+)", done.stderr)
         edges = re.findall(r"cov: (\d+)", done.stderr)

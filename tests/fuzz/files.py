@@ -26,7 +26,7 @@ def rng() -> np.random.Generator:
 
 
 def npy(header: str, body: bytes = b"", version: int = 1) -> bytes:
-    """An array as .npz files hold it, whatever its header says."""
+    """An array as in .npz files, with any header."""
     text = header.encode("latin-1", "replace")
     return b"\x93NUMPY" + bytes([version, 0]) + len(text).to_bytes(2 if version == 1 else 4, "little") + text + body
 
@@ -46,14 +46,14 @@ def npz(arrays: Mapping[str, Any], compressed: bool = False) -> bytes:
     return buffer.getvalue()
 
 
-def people() -> dict[str, NDArray[Any]]:
-    """Two people of one take, as :mod:`nrsfm.datasets.real.two_person` reads them."""
+def people() -> dict[str, Any]:
+    """Arrays of two people of one take, as :mod:`nrsfm.datasets.real.two_person` reads them."""
     pair = {name: rng().standard_normal((F, J, 3)) for name in ("lead", "follow")}
     return {**pair, "names": np.array(["hip", "chest", "hand", "head"]), "parents": np.array([-1, 0, 1, 1]), "dt": 0.01}
 
 
 def trial_arrays() -> dict[str, NDArray[Any]]:
-    """What a trial leaves."""
+    """Arrays of a finished trial."""
     X = rng().standard_normal((F, 3, P)).astype(np.float32)
     return {
         "tracks": X[:, :2],
@@ -118,8 +118,8 @@ def mat73(fields: Mapping[str, Any], **storage: Any) -> bytes:
         path = Path(folder) / "a.mat"
         with h5py.File(path, "w", userblock_size=512) as file:
             for name, value in fields.items():
-                held = file.create_dataset(name, data=np.asarray(value).T, **storage)
-                held.attrs["MATLAB_class"] = np.bytes_("double")
+                dataset = file.create_dataset(name, data=np.asarray(value).T, **storage)
+                dataset.attrs["MATLAB_class"] = np.bytes_("double")
         return with_head73(path.read_bytes())
 
 
@@ -143,12 +143,12 @@ def hopkins() -> dict[str, NDArray[np.float64]]:
 def c3d(labels: Iterable[str] = (), rate: float = 100.0) -> bytes:
     import ezc3d
 
-    held = list(labels) or [f"{who}:m{k}" for who in ("A", "B") for k in range(15)]
+    names = list(labels) or [f"{who}:m{k}" for who in ("A", "B") for k in range(15)]
     file = ezc3d.c3d()
     point = file["parameters"]["POINT"]
-    point["RATE"]["value"], point["UNITS"]["value"], point["LABELS"]["value"] = [rate], ["mm"], held
-    points = rng().integers(1, 4000, (3, len(held), F)) / 4.0
-    file["data"]["points"] = np.concatenate([points, np.ones((1, len(held), F))])
+    point["RATE"]["value"], point["UNITS"]["value"], point["LABELS"]["value"] = [rate], ["mm"], names
+    points = rng().integers(1, 4000, (3, len(names), F)) / 4.0
+    file["data"]["points"] = np.concatenate([points, np.ones((1, len(names), F))])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.c3d"
         file.write(str(path))
@@ -160,7 +160,7 @@ def c3d(labels: Iterable[str] = (), rate: float = 100.0) -> bytes:
 
 def record(**changes: Any) -> bytes:
     """A trial's ``result.json``."""
-    held: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "key": "0123456789abcdef",
         "setting": "fedcba9876543210",
         "status": "ok",
@@ -184,4 +184,4 @@ def record(**changes: Any) -> bytes:
         "parameters": {"dataset": {"name": "dance_yoga"}, "method": {"name": "ours", "alpha": 1.5}, "gaps": {}},
         "environment": {"python": "3.11.7"},
     }
-    return json.dumps({name: value for name, value in (held | changes).items() if value is not ...}).encode()
+    return json.dumps({name: value for name, value in (fields | changes).items() if value is not ...}).encode()

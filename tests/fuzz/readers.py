@@ -1,4 +1,4 @@
-"""Every reader of files that strangers may have written, with valid files of its formats and what it must keep to."""
+"""Every reader of files from strangers, with valid files of its formats and the checks of what it reads."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ Wrap = Callable[[bytes], bytes]
 
 @dataclass(frozen=True)
 class Reader:
-    """A way in.
+    """A reader of one kind of file.
 
     Parameters
     ----------
     place : str
-        Where its file stands, below a folder that it is given.
+        Path of its file below a folder.
     seeds : callable
         Valid files.
     read : callable
@@ -57,7 +57,7 @@ class Reader:
         Ways to make a file of bytes: as they are, compressed, or as a member of an archive, so that damage reaches
         what stands behind a checksum.
     apart : bool
-        It reads in another process: slow, and nothing to watch in this one.
+        It reads in another process, which is slow and cannot be watched from this one.
     named : bool
         A complaint names the file.
     """
@@ -71,7 +71,7 @@ class Reader:
 
 
 def refused(reader: Reader, folder: Path, content: bytes) -> bool:
-    """Whether a file is refused, in one line that names it; otherwise what was read has been found in order.
+    """Whether a file is refused, in one line that names it. What was read is checked.
 
     Any other exception goes through, and so does a warning.
     """
@@ -120,8 +120,8 @@ def _c3d_head(folder: Path) -> None:
 
 
 def _c3d(folder: Path) -> None:
-    held = read_c3d(folder / "a.c3d")
-    assert held.points.shape[1:] == (3, len(held.labels)) and not np.isinf(held.points).any()
+    markers = read_c3d(folder / "a.c3d")
+    assert markers.points.shape[1:] == (3, len(markers.labels)) and not np.isinf(markers.points).any()
 
 
 def _record(folder: Path) -> None:
@@ -159,8 +159,8 @@ def _packed5(content: bytes) -> bytes:
 
 def _baseline() -> bytes:
     """The committed one, two rows of it."""
-    held = json.loads(BASELINE.read_text())
-    return json.dumps(held | {"rows": held["rows"][:2]}).encode()
+    baseline = json.loads(BASELINE.read_text())
+    return json.dumps(baseline | {"rows": baseline["rows"][:2]}).encode()
 
 
 def _npys() -> list[bytes]:
@@ -215,7 +215,7 @@ def _own(suffix: str) -> Callable[[Path], None]:
 
 
 def _own_arrays() -> dict[str, NDArray[Any]]:
-    """Tracks of one's own, with all that may be known of them."""
+    """Arrays of a user's own tracks, with cameras, structure and labels."""
     S = files.rng().standard_normal((files.F, 3, files.P))
     R = np.tile(np.eye(3)[:2], (files.F, 1, 1))
     return {"tracks": R @ S, "structure": S, "cameras": R, "labels": np.arange(files.P) % 2}
@@ -235,7 +235,14 @@ def _csvs() -> list[bytes]:
 
 
 SCENE = hopkins.SCENES[0]
-TWO_PERSON = {"source": "two_person", "name": "a", "take": "a", "range": None, "stride": None, "frames": 400}
+TWO_PERSON: dict[str, Any] = {
+    "source": "two_person",
+    "name": "a",
+    "take": "a",
+    "range": None,
+    "stride": None,
+    "frames": 400,
+}
 TWO_PERSON |= {"degrees_per_frame": 5.0}
 
 READERS: dict[str, Reader] = {

@@ -1,4 +1,4 @@
-"""Whatever a file holds: what it says comes back in order, or it is refused in one line, soon and in little memory.
+"""Any file is read correctly or refused in one line, soon and in little memory.
 
 FUZZ_EXAMPLES is how many files of each kind are tried; by default a few, the same every time. ``make fuzz`` tries many,
 and others every time.

@@ -1,6 +1,6 @@
 """BreathingClouds: two clouds of points that breathe, beside each other before one orbiting camera.
 
-An example to start from. A source is two functions: ``load`` makes the scene, ``digest`` says which data it is made of.
+An example to start from. A source is two functions: ``load`` returns the scene, ``digest`` the identity of its data.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from nrsfm.datasets.body import Body
+from nrsfm.datasets.composition import compose
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.scene import Scene, compose
+from nrsfm.datasets.scene import Scene
 
 VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that finished trials are run again
 
@@ -21,8 +22,8 @@ VERSION = "breathing_clouds 1"  # raise it whenever the numbers change, so that 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """The scene of the settings of conf/dataset/breathing_clouds.yaml.
 
-    A dataset of files reads them from ``folder``, the data folder, and raises nrsfm.datasets.errors.MissingData where
-    one is missing. Measured tracks make a ``Scene(name=..., tracks=...)``, with labels and structure where known.
+    ``folder`` is the data folder. For a source that reads files, nrsfm.datasets.errors.existing raises MissingData if a
+    file is not there. A scene of measured tracks is ``Scene(name=..., tracks=...)``, with the truth where it is known.
     """
     points, frames = settings["points"], settings["frames"]
     if not (isinstance(points, int) and isinstance(frames, int) and points >= 4 and frames >= 3):
@@ -38,5 +39,5 @@ def load(settings: Mapping[str, Any], folder: Path) -> Scene:
 
 
 def digest(settings: Mapping[str, Any], folder: Path) -> str:
-    """Identity of the data, without making the scene; of a file, ``nrsfm.datasets.public.catalogue.sha256(path)``."""
+    """Identity of the data, without making the scene; for a file ``nrsfm.datasets.public.catalogue.sha256(path)``."""
     return VERSION

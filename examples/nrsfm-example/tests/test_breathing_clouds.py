@@ -1,4 +1,4 @@
-"""BreathingClouds keeps the contract of every dataset, and is what it says."""
+"""BreathingClouds keeps the contract of every dataset, and its bodies deform as documented."""
 
 from __future__ import annotations
 

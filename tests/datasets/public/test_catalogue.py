@@ -1,4 +1,4 @@
-"""Downloads from a real server on this machine: what arrives, what does not, and what is said then."""
+"""Downloads from a real server on this machine: what arrives, what does not, and the message then."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -20,6 +19,7 @@ import pytest
 
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
+from nrsfm.datasets.public import download
 from nrsfm.datasets.public.catalogue import ABSENT, CHANGED, PRESENT, File
 from nrsfm.datasets.real import mocap
 from nrsfm.harness.cli import data as verb
@@ -30,18 +30,18 @@ CONTENT = bytes(range(256)) * 1000
 class Handler(BaseHTTPRequestHandler):
     """/whole sends CONTENT, /half breaks off, /other sends another file, /long too much; /slow stops on its way."""
 
-    asked: list[str]
+    requests: list[str]
 
     def log_message(self, *args: object) -> None:
         pass
 
     def do_HEAD(self) -> None:
-        self.asked.append(f"HEAD {self.path}")
+        self.requests.append(f"HEAD {self.path}")
         self.send_response(200)
         self.end_headers()
 
     def do_GET(self) -> None:
-        self.asked.append(f"GET {self.path}")
+        self.requests.append(f"GET {self.path}")
         body = {"/other": CONTENT[::-1], "/long": CONTENT * 20}.get(self.path, CONTENT)
         self.send_response(404 if self.path == "/gone" else 200)
         self.send_header("Content-Length", str(len(body)))
@@ -63,9 +63,9 @@ class Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self) -> None:
-        handler = type("Asked", (Handler,), {"asked": []})
+        handler = type("Asked", (Handler,), {"requests": []})
         super().__init__(("127.0.0.1", 0), handler)
-        self.asked: list[str] = handler.asked  # type: ignore[attr-defined]
+        self.requests: list[str] = handler.requests  # type: ignore[attr-defined]
         self.stopped = threading.Event()
 
     def file(self, what: str, name: str = "thing.mat", group: str = "group") -> File:
@@ -77,7 +77,7 @@ class Server(ThreadingHTTPServer):
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.setattr(sources, "RETRIES", 0)
+    monkeypatch.setattr(download, "RETRIES", 0)
     with Server() as running:
         thread = threading.Thread(target=running.serve_forever, args=(0.02,))
         thread.start()
@@ -152,7 +152,7 @@ def test_select_refuses_an_unknown_name() -> None:
 
 def test_a_new_group_needs_no_code(server: Server, tmp_path: Path) -> None:
     more = catalogue(*sources.CATALOGUE.values(), server.file("whole", "a.txt", "new"))
-    [(file, error)] = sources.get(tmp_path, ["new"], catalogue=more)
+    [(file, error)] = download.get(tmp_path, ["new"], catalogue=more)
     assert error is None and (tmp_path / file.path).read_bytes() == CONTENT
 
 
@@ -187,14 +187,14 @@ def test_sha256_of_what_cannot_be_read(tmp_path: Path) -> None:
 
 def test_states(server: Server, tmp_path: Path) -> None:
     files = [server.file("whole", name) for name in ("right", "damaged", "short", "folder", "absent")]
-    held = catalogue(*files)
+    entries = catalogue(*files)
     (tmp_path / "group").mkdir()
     (tmp_path / files[0].path).write_bytes(CONTENT)
     (tmp_path / files[1].path).write_bytes(CONTENT[::-1])
     (tmp_path / files[2].path).write_bytes(CONTENT[:-1])
     (tmp_path / files[3].path).mkdir()
-    by_size = [state for _, state in sources.status(tmp_path, catalogue=held)]
-    by_checksum = [state for _, state in sources.verify(tmp_path, catalogue=held)]
+    by_size = [state for _, state in sources.status(tmp_path, catalogue=entries)]
+    by_checksum = [state for _, state in sources.verify(tmp_path, catalogue=entries)]
     assert by_size == [PRESENT, PRESENT, CHANGED, CHANGED, ABSENT]
     assert by_checksum == [PRESENT, CHANGED, CHANGED, CHANGED, ABSENT]
 
@@ -203,30 +203,30 @@ def test_states(server: Server, tmp_path: Path) -> None:
 
 
 def test_get_fetches_what_is_absent_and_nothing_else(server: Server, tmp_path: Path) -> None:
-    held = catalogue(server.file("whole", "a"), server.file("whole", "b"))
-    told: list[tuple[str, int]] = []
-    first = sources.get(tmp_path, ["a"], lambda file, n: told.append((file.path, n)), held)
+    entries = catalogue(server.file("whole", "a"), server.file("whole", "b"))
+    calls: list[tuple[str, int]] = []
+    first = download.get(tmp_path, ["a"], lambda file, n: calls.append((file.path, n)), entries)
     assert [error for _, error in first] == [None]
     assert (tmp_path / "group/a").read_bytes() == CONTENT and left(tmp_path) == ["group/a"]
-    assert told[-1] == ("group/a", len(CONTENT)) and [n for _, n in told] == sorted(n for _, n in told)
-    server.asked.clear()
-    assert sources.get(tmp_path, ["a"], catalogue=held) == first
-    assert server.asked == []
-    sources.get(tmp_path, catalogue=held)
+    assert calls[-1] == ("group/a", len(CONTENT)) and [n for _, n in calls] == sorted(n for _, n in calls)
+    server.requests.clear()
+    assert download.get(tmp_path, ["a"], catalogue=entries) == first
+    assert server.requests == []
+    download.get(tmp_path, catalogue=entries)
     assert left(tmp_path) == ["group/a", "group/b"]
-    assert sum(line.startswith("GET") for line in server.asked) == 1
+    assert sum(line.startswith("GET") for line in server.requests) == 1
 
 
 def test_get_replaces_a_damaged_file(server: Server, tmp_path: Path) -> None:
     file = server.file("whole")
     (tmp_path / "group").mkdir()
     (tmp_path / file.path).write_bytes(CONTENT[::-1])
-    sources.get(tmp_path, catalogue=catalogue(file))
+    download.get(tmp_path, catalogue=catalogue(file))
     assert (tmp_path / file.path).read_bytes() == CONTENT
 
 
 @pytest.mark.parametrize(
-    ("what", "says"),
+    ("what", "message"),
     [
         ("other", "sent another file"),
         ("long", "sent another file"),
@@ -234,25 +234,28 @@ def test_get_replaces_a_damaged_file(server: Server, tmp_path: Path) -> None:
         ("gone", "answered 404"),
     ],
 )
-def test_a_failed_download_leaves_what_was_there(server: Server, tmp_path: Path, what: str, says: str) -> None:
+def test_a_failed_download_leaves_what_was_there(server: Server, tmp_path: Path, what: str, message: str) -> None:
     file = server.file(what)
-    held = catalogue(file, server.file("whole", "good"))
+    entries = catalogue(file, server.file("whole", "good"))
     (tmp_path / "group").mkdir()
     (tmp_path / file.path).write_bytes(b"before")
-    (_, error), (_, fine) = sources.get(tmp_path, catalogue=held)
+    (_, error), (_, fine) = download.get(tmp_path, catalogue=entries)
     assert isinstance(error, MissingData) and fine is None
     text = one_line(error)
-    assert text.startswith(f"{file.path}: ") and says in text and "copy it into" in text
+    assert text.startswith(f"{file.path}: ") and message in text and "copy it into" in text
     assert left(tmp_path) == ["group/good", "group/thing.mat"]
     assert (tmp_path / file.path).read_bytes() == b"before"
 
 
-def test_connection_refused_is_found_out_once_and_at_once(closed_port: int, tmp_path: Path) -> None:
+def test_a_server_that_refuses_is_tried_once(closed_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    probes: list[str] = []
+    probe = download._probe
+    monkeypatch.setattr(download, "CONNECT_SECONDS", 600.0)
+    monkeypatch.setattr(download, "_probe", lambda url: probes.append(url) or probe(url))
     url = f"http://127.0.0.1:{closed_port}/x"
-    held = catalogue(*(File(f"g/{k}", url, "0" * 64, 3, "free", "nobody") for k in range(20)))
-    start = time.monotonic()
-    results = sources.get(tmp_path / "new", catalogue=held)
-    assert time.monotonic() - start < 5
+    entries = catalogue(*(File(f"g/{k}", url, "0" * 64, 3, "free", "nobody") for k in range(20)))
+    results = download.get(tmp_path / "new", catalogue=entries)
+    assert probes == [url]
     assert len(results) == 20
     for file, error in results:
         assert file.path in one_line(error) and "connection refused" in one_line(error)
@@ -260,65 +263,64 @@ def test_connection_refused_is_found_out_once_and_at_once(closed_port: int, tmp_
 
 
 def test_a_server_that_does_not_answer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr(download, "CONNECT_SECONDS", 0.2)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         url = f"http://127.0.0.1:{silent.getsockname()[1]}/x"
-        start = time.monotonic()
-        [(_, error)] = sources.get(tmp_path, catalogue=catalogue(File("g/x", url, "0" * 64, 3, "", "")))
-        assert time.monotonic() - start < 3
-    assert "it took too long" in one_line(error)
+        [(_, error)] = download.get(tmp_path, catalogue=catalogue(File("g/x", url, "0" * 64, 3, "", "")))
+    assert "it took too long" in one_line(error) or "no answer in" in one_line(error)
 
 
 def test_a_name_that_is_not_known(tmp_path: Path) -> None:
     file = File("g/x", "http://nowhere.invalid/x", "0" * 64, 3, "", "")
-    [(_, error)] = sources.get(tmp_path, catalogue=catalogue(file))
+    [(_, error)] = download.get(tmp_path, catalogue=catalogue(file))
     assert "nowhere.invalid cannot be reached" in one_line(error)
 
 
 def test_a_broken_download_is_tried_again(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "RETRIES", 1)
+    monkeypatch.setattr(download, "RETRIES", 1)
     monkeypatch.setattr("pooch.core.time.sleep", lambda seconds: None)
-    sources.get(tmp_path, catalogue=catalogue(server.file("half")))
-    assert server.asked.count("GET /half") == 2
+    download.get(tmp_path, catalogue=catalogue(server.file("half")))
+    assert server.requests.count("GET /half") == 2
 
 
 def test_a_killed_download_leaves_no_wrong_file(server: Server, tmp_path: Path) -> None:
     file = server.file("slow")
     code = (
-        "import sys\nfrom pathlib import Path\nfrom nrsfm.datasets.public.catalogue import File, get\n"
+        "import sys\nfrom pathlib import Path\nfrom nrsfm.datasets.public.catalogue import File\n"
+        "from nrsfm.datasets.public.download import get\n"
         f"file = {file!r}\n"
         "get(Path(sys.argv[1]), progress=lambda f, n: print(n, flush=True), catalogue={file.path: file})"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE)
     assert process.stdout is not None and int(process.stdout.readline()) > 0
     process.send_signal(signal.SIGKILL)
-    process.wait(20)
+    process.wait(600)
     process.stdout.close()
     assert [state for _, state in sources.verify(tmp_path, catalogue=catalogue(file))] == [ABSENT]
-    held = catalogue(server.file("whole"))
-    assert [error for _, error in sources.get(tmp_path, catalogue=held)] == [None]
+    entries = catalogue(server.file("whole"))
+    assert [error for _, error in download.get(tmp_path, catalogue=entries)] == [None]
 
 
 def test_a_folder_that_cannot_be_written(server: Server, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DatasetError, match="cannot be written to") as caught:
-        sources.get(tmp_path / "file", catalogue=catalogue(server.file("whole")))
+        download.get(tmp_path / "file", catalogue=catalogue(server.file("whole")))
     assert "NRSFM_DATA" in one_line(caught.value)
 
 
-@pytest.mark.parametrize(("code", "says"), [(errno.ENOSPC, "is full"), (errno.EROFS, "Read-only file system")])
+@pytest.mark.parametrize(("code", "message"), [(errno.ENOSPC, "is full"), (errno.EROFS, "Read-only file system")])
 def test_a_full_or_read_only_disk(
-    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, says: str
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str
 ) -> None:
     def refuse(path: str) -> None:
         raise OSError(code, {errno.ENOSPC: "No space left", errno.EROFS: "Read-only file system"}[code])
 
     monkeypatch.setattr("pooch.core.make_local_storage", refuse)
-    with pytest.raises(DatasetError, match=says) as caught:
-        sources.get(tmp_path, catalogue=catalogue(server.file("whole")))
+    with pytest.raises(DatasetError, match=message) as caught:
+        download.get(tmp_path, catalogue=catalogue(server.file("whole")))
     assert str(tmp_path) in one_line(caught.value)
 
 
@@ -396,7 +398,7 @@ def test_verb_get_can_be_interrupted(
     def interrupt(*args: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sources, "get", interrupt)
+    monkeypatch.setattr(download, "get", interrupt)
     code, _, err = say(capsys, tmp_path, "get")
     assert code == 2 and err.startswith("interrupted")
 
@@ -404,8 +406,8 @@ def test_verb_get_can_be_interrupted(
 def test_verb_get_fetches_large_groups_on_request_alone(
     server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    held = catalogue(server.file("whole", "a"), server.file("whole", "b", "hopkins155"))
-    monkeypatch.setattr(sources, "CATALOGUE", held)
+    entries = catalogue(server.file("whole", "a"), server.file("whole", "b", "hopkins155"))
+    monkeypatch.setattr(sources, "CATALOGUE", entries)
     assert say(capsys, tmp_path, "get")[0] == 0
     assert left(tmp_path) == ["group/a"]
     code, out, _ = say(capsys, tmp_path, "verify")

@@ -12,8 +12,9 @@ import pytest
 
 from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError, MissingData
-from nrsfm.datasets.readers import c3dfile, guarded
+from nrsfm.datasets.readers import c3dfile, guarded_child
 from nrsfm.datasets.readers.c3dfile import read_c3d
+from tests.datasets.conftest import WriteC3D
 
 F, M = 6, 4
 LABELS = ["A:one", "A:two", "B:one", "*4"]
@@ -25,7 +26,7 @@ def points(n_markers: int = M) -> Array:
 
 
 @pytest.fixture
-def whole(tmp_path: Path, write_c3d: Any) -> Path:
+def whole(tmp_path: Path, write_c3d: WriteC3D) -> Path:
     return write_c3d(tmp_path / "take.c3d", points(), LABELS)
 
 
@@ -57,7 +58,7 @@ def test_round_trip(whole: Path) -> None:
     assert (read.labels, read.rate, read.unit) == (tuple(LABELS), 100.0, "mm")
 
 
-def test_points_that_were_not_seen(tmp_path: Path, write_c3d: Any) -> None:
+def test_points_that_were_not_seen(tmp_path: Path, write_c3d: WriteC3D) -> None:
     """Residual -1, NaN, and all zero are NaN; a single zero coordinate is a coordinate."""
     P = points()
     P[2, :, 1], P[4, :, 3], P[0, 0, 0] = np.nan, 0, 0
@@ -71,7 +72,7 @@ def test_points_that_were_not_seen(tmp_path: Path, write_c3d: Any) -> None:
     np.testing.assert_array_equal(read_c3d(path).points, expected)
 
 
-def test_more_labels_than_one_parameter_holds(tmp_path: Path, write_c3d: Any) -> None:
+def test_more_labels_than_one_parameter_holds(tmp_path: Path, write_c3d: WriteC3D) -> None:
     labels = [f"set:m{k}" for k in range(300)]
     read = read_c3d(write_c3d(tmp_path / "many.c3d", points(300), labels))
     assert read.labels == tuple(labels) and read.points.shape == (F, 3, 300)
@@ -126,15 +127,15 @@ def test_a_huge_header_takes_no_memory(whole: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_reader_that_crashes_or_hangs_is_a_damaged_file(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     child = whole.with_name("child.py")
-    monkeypatch.setattr(guarded.guarded_child, "__file__", str(child))
-    for code, said in (
+    monkeypatch.setattr(guarded_child, "__file__", str(child))
+    for code, message in (
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended with signal 11"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGXCPU)", "took too long"),
         ("import sys; sys.exit('first\\nthe <b>last</b> \\x1b line')", "the <b>last</b> \\x1b line"),
         ("raise SystemExit(3)", "no reason given"),
     ):
         child.write_text(code)
-        assert said in complaint(whole)
+        assert message in complaint(whole)
 
 
 def mutants(content: bytes, seeds: range) -> Any:
@@ -154,8 +155,8 @@ def survive(path: Path, seeds: range) -> int:
     for mutant in mutants(content, seeds):
         path.write_bytes(mutant)
         try:
-            found = read_c3d(path)
-            assert found.points.shape[1:] == (3, len(found.labels))
+            markers = read_c3d(path)
+            assert markers.points.shape[1:] == (3, len(markers.labels))
             read += 1
         except DatasetError as error:
             assert "\n" not in str(error) and str(path) in str(error)

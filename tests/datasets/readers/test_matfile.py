@@ -1,17 +1,19 @@
-"""MATLAB files that no MATLAB wrote: what they claim is checked before it is believed."""
+"""MATLAB files that no MATLAB wrote: their claims are checked before memory is taken."""
 
 from __future__ import annotations
 
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.readers import guarded
+from nrsfm.datasets.public.catalogue import sha256
+from nrsfm.datasets.readers import guarded, guarded_child, matfile
 from nrsfm.datasets.readers.limits import RATIO, SMALL, allowance
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real.tracks import load_tracks
@@ -75,6 +77,23 @@ def test_odd_numbers_are_read_in_silence(tmp_path: Path) -> None:
     assert np.isnan(read_mat(tmp_path / "a.mat", ["S"])["S"])
 
 
+def test_only_files_of_the_catalogue_are_read_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.mat"
+    path.write_bytes(files.mat5(ONE))
+    kinds = []
+
+    def read(kind: str, path: Path, *arguments: Any) -> dict[str, Any]:
+        kinds.append(kind)
+        return guarded_child.mat(str(path), *arguments[1:])
+
+    monkeypatch.setattr(matfile, "read_guarded", read)
+    assert read_mat(path, ["S"])["S"] == 1
+    assert kinds == ["mat"]
+    monkeypatch.setattr(matfile, "_known_digests", lambda: {sha256(path)})
+    assert read_mat(path, ["S"])["S"] == 1
+    assert kinds == ["mat"]
+
+
 # Version 7.3
 
 
@@ -85,7 +104,7 @@ def hdf5(path: Path, **storage: object) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("storage", "said"),
+    ("storage", "message"),
     [
         ({"shape": (3000, 3000), "dtype": "f8", "chunks": (10, 10), "compression": "gzip"}, "claims 69 MiB"),
         ({"shape": (3000, 3000), "dtype": "i1"}, "claims 69 MiB"),
@@ -98,8 +117,8 @@ def hdf5(path: Path, **storage: object) -> bytes:
         ({"shape": (2,), "dtype": [("re", "f8"), ("im", "f8")]}, "wanted numbers"),
     ],
 )
-def test_version_73(tmp_path: Path, storage: dict[str, object], said: str) -> None:
-    assert said in complaint(tmp_path / "a.mat", hdf5(tmp_path / "b.mat", **storage))
+def test_version_73(tmp_path: Path, storage: dict[str, object], message: str) -> None:
+    assert message in complaint(tmp_path / "a.mat", hdf5(tmp_path / "b.mat", **storage))
 
 
 def test_virtual_datasets_lead_nowhere(tmp_path: Path) -> None:
@@ -142,8 +161,8 @@ def test_labels_in_half_precision(tmp_path: Path) -> None:
 @pytest.mark.parametrize("field", ["tracks", "structure"])
 def test_numbers_whose_squares_are_none(tmp_path: Path, field: str) -> None:
     S = files.rng().standard_normal((files.F, 3, files.P))
-    held = {"tracks": S[:, :2].copy(), "structure": S}
-    held[field][0, 0, 0] = 1e308
-    (tmp_path / "a.npz").write_bytes(files.npz(held))
+    arrays = {"tracks": S[:, :2].copy(), "structure": S}
+    arrays[field][0, 0, 0] = 1e308
+    (tmp_path / "a.npz").write_bytes(files.npz(arrays))
     with pytest.raises(DatasetError, match=r"a\.npz: it holds numbers above 1e\+100"):
         load_tracks(tmp_path / "a.npz")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -20,7 +21,7 @@ from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.real import garg
 from nrsfm.datasets.real.neighbours import even_choice, nearest_edges, on_pixels, pixel_edges
 
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     "source": "garg",
     "name": "face1",
     "sequence": "face1",
@@ -74,6 +75,7 @@ def test_a_synthetic_face_is_read_whole(
     np.testing.assert_allclose(project(scene.cameras, scene.structure), scene.tracks, atol=1e-6)
     few = registry.load_scene(SETTINGS | {"points": 300, "frames": 4}, tmp_path)
     assert few.tracks.shape == (4, 2, 300) and few.structure is not None
+    assert few.cameras is not None
     np.testing.assert_allclose(project(few.cameras, few.structure), few.tracks, atol=1e-6)
     assert registry.digest(SETTINGS, tmp_path) == scene.digest
 
@@ -99,7 +101,7 @@ def test_an_absent_sequence_is_not_filled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "message"),
     [
         ({"sequence": "face5"}, "dataset.sequence is 'face5'"),
         ({"points": 1}, "dataset.points is 1"),
@@ -111,25 +113,25 @@ def test_an_absent_sequence_is_not_filled(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_settings_are_named(
-    tmp_path: Path, dense: tuple[Array, Array, Array], changes: dict[str, object], says: str
+    tmp_path: Path, dense: tuple[Array, Array, Array], changes: dict[str, object], message: str
 ) -> None:
     S, _, W = dense
     write(tmp_path / "garg" / "face1.mat", "7.3", W=stacked(W), S=S.reshape(30, -1))
-    with pytest.raises(DatasetError, match=says):
+    with pytest.raises(DatasetError, match=message):
         registry.load_scene(SETTINGS | changes, tmp_path)
 
 
 def test_wrong_fields_are_named(tmp_path: Path, dense: tuple[Array, Array, Array], rng: np.random.Generator) -> None:
     S, _, W = dense
     file, S = tmp_path / "garg" / "face2.mat", S.reshape(30, -1)
-    for fields, says in (
+    for fields, message in (
         ({"W": stacked(W)[:, :50], "S": S}, r"W has shape \(20, 50\), wanted \(20, 28880\)"),
         ({"W": stacked(W), "S": S[:29]}, r"S has shape \(29, 28880\), wanted \(30, 28880\)"),
         ({"W": stacked(W), "S": rng.standard_normal(S.shape)}, "unexplained by any orthographic camera"),
         ({"W": stacked(W), "S": np.where(S > 0.05, np.nan, S)}, "S holds NaN"),
     ):
         write(file, "5", **fields)
-        with pytest.raises(DatasetError, match=says):
+        with pytest.raises(DatasetError, match=message):
             registry.load_scene(SETTINGS | {"sequence": "face2"}, tmp_path)
 
 
@@ -149,7 +151,7 @@ def test_a_73_file_leads_nowhere_else(tmp_path: Path) -> None:
             "double"
         )
         out.create_dataset("outside", (4,), "f8", external=[(str(other), 0, 32)])
-    for name, says in (
+    for name, message in (
         ("link", "not stored in the file itself"),
         ("soft", "not stored in the file itself"),
         ("struct", "struct or cell"),
@@ -158,7 +160,7 @@ def test_a_73_file_leads_nowhere_else(tmp_path: Path) -> None:
         ("outside", "not stored in the file itself"),
         ("gone", r"field gone is missing \(the file holds link, "),
     ):
-        with pytest.raises(DatasetError, match=says):
+        with pytest.raises(DatasetError, match=message):
             read_mat(file, [name])
 
 
@@ -183,8 +185,8 @@ def test_damaged_73_files_end_in_one_line(tmp_path: Path, rng: np.random.Generat
 def test_pixel_neighbours_agree_with_distances(rng: np.random.Generator) -> None:
     pixels = rng.permutation(np.argwhere(rng.random((17, 23)) < 0.7) - [5, 40])
     wanted = np.argwhere(np.triu(np.abs(cdist(pixels, pixels, "cityblock") - 1) < 1e-9))
-    found = np.unique(np.sort(pixel_edges(pixels), axis=1), axis=0)
-    np.testing.assert_array_equal(found, wanted)
+    pairs = np.unique(np.sort(pixel_edges(pixels), axis=1), axis=0)
+    np.testing.assert_array_equal(pairs, wanted)
     assert len(pixel_edges(pixels)) == len(wanted), "each once"
 
 
@@ -199,8 +201,8 @@ def test_nearest_neighbours_agree_with_distances(rng: np.random.Generator) -> No
     points = rng.standard_normal((2, 60))
     near = np.argsort(cdist(points.T, points.T), axis=1)[:, 1:5]
     wanted = {tuple(sorted((i, int(j)))) for i in range(60) for j in near[i]}
-    found = nearest_edges(points, 4)
-    assert set(map(tuple, found.tolist())) == wanted and len(found) == len(wanted)
+    pairs = nearest_edges(points, 4)
+    assert set(map(tuple, pairs.tolist())) == wanted and len(pairs) == len(wanted)
     assert len(nearest_edges(points[:, :3], 10)) == 3
 
 

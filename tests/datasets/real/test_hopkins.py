@@ -1,4 +1,4 @@
-"""Hopkins155: its layout, on files written here and on the real ones, and what is said of broken files and names."""
+"""Hopkins155: its layout, on files written here and on the real ones, and the messages about broken files and names."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def write(folder: Path, scene: str = "arm", **changes: Any) -> Path:
     """A scene's file as the benchmark has it: x (3, P, F) with ones in the third row, s (P, 1) from 1 on."""
     W = tracks()
     x = np.array([[[W[f, axis, p] if axis < 2 else 1.0 for f in range(F)] for p in range(P)] for axis in range(3)])
-    held = {"x": x, "y": 100 * x, "s": LABELS, "frames": F, "points": P, **changes}
+    contents = {"x": x, "y": 100 * x, "s": LABELS, "frames": F, "points": P, **changes}
     file = folder / "hopkins155" / f"{scene}_truth.mat"
     file.parent.mkdir(exist_ok=True)
-    scipy.io.savemat(file, {key: value for key, value in held.items() if value is not None})
+    scipy.io.savemat(file, {key: value for key, value in contents.items() if value is not None})
     return file
 
 
@@ -129,8 +129,8 @@ def test_155_scenes() -> None:
 
 
 def test_every_scene_is_in_the_catalogue(tmp_path: Path) -> None:
-    held = {file.path for file in sources.select(["hopkins155"])}
-    assert held == {f"hopkins155/{scene}_truth.mat" for scene in hopkins.SCENES}
+    contents = {file.path for file in sources.select(["hopkins155"])}
+    assert contents == {f"hopkins155/{scene}_truth.mat" for scene in hopkins.SCENES}
     assert [file.url.rpartition("/Hopkins155/")[2] for file in sources.select(["1R2RC"])] == ["1R2RC/1R2RC_truth.mat"]
 
 

@@ -1,4 +1,4 @@
-"""The eight sequences: their layouts, on files written here and on the real ones, and what is said of broken files."""
+"""The eight sequences: their layouts, on files written here and on the real ones, and messages about broken files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import scipy.io
 
 from nrsfm.datasets.body import Array, Body, centre, register, spread
 from nrsfm.datasets.cameras import orbit, project
+from nrsfm.datasets.composition import view
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.generated.procedural import stand_in as generated
 from nrsfm.datasets.real.mocap import (
@@ -26,7 +27,6 @@ from nrsfm.datasets.real.mocap import (
 from nrsfm.datasets.real.mocap_body import load_recording, load_single
 from nrsfm.datasets.registry import digest
 from nrsfm.datasets.registry import load_scene as load_by_settings
-from nrsfm.datasets.scene import view
 
 AKHTER = ("drink", "pickup", "yoga", "stretch")
 MATLAB_7_3 = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600)
@@ -60,8 +60,8 @@ def write(folder: Path, name: str, motion: str = "registered", **changes: Any) -
     """The sequence's file with random points of the right size; a change to None leaves a field out."""
     path = folder / file_of(name, motion)
     path.parent.mkdir(exist_ok=True)
-    held = {**fields(name, motion, random_structure(name)), **changes}
-    scipy.io.savemat(path, {key: value for key, value in held.items() if value is not None})
+    contents = {**fields(name, motion, random_structure(name)), **changes}
+    scipy.io.savemat(path, {key: value for key, value in contents.items() if value is not None})
     return path
 
 
@@ -122,7 +122,7 @@ def test_digest_follows_the_file(tmp_path: Path) -> None:
 # A body's own cameras
 
 
-def own(name: str) -> dict[str, Any]:
+def camera_fields(name: str) -> dict[str, Any]:
     """Fields Rs and W that go with the random points: another camera in every frame."""
     S = random_structure(name)
     R = np.linalg.qr(np.random.default_rng(7).standard_normal((len(S), 3, 3)))[0][:, :2]
@@ -131,13 +131,13 @@ def own(name: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_own_cameras(tmp_path: Path, name: str) -> None:
-    held = own(name) if name in AKHTER else {}
-    write(tmp_path, name, "native", **held)
+    contents = camera_fields(name) if name in AKHTER else {}
+    write(tmp_path, name, "native", **contents)
     body, S = load_recording(tmp_path, name), random_structure(name)
     np.testing.assert_array_equal(body.structure, S)
     assert body.cameras is not None
     if name in AKHTER:
-        np.testing.assert_array_equal(body.cameras.reshape(-1, 3), held["Rs"])
+        np.testing.assert_array_equal(body.cameras.reshape(-1, 3), contents["Rs"])
     else:
         seen = S[:, 1:] if name == "dance" else S[:, :2]
         np.testing.assert_array_equal(project(body.cameras, S), seen)
@@ -149,16 +149,16 @@ def test_own_cameras(tmp_path: Path, name: str) -> None:
 
 
 def test_tracks_that_the_cameras_do_not_give(tmp_path: Path) -> None:
-    held = own("yoga")
-    held["W"][3, 4] += 1e-3
-    path = write(tmp_path, "yoga", "native", **held)
+    contents = camera_fields("yoga")
+    contents["W"][3, 4] += 1e-3
+    path = write(tmp_path, "yoga", "native", **contents)
     with pytest.raises(DatasetError, match="W are not Rs S") as caught:
         load_recording(tmp_path, "yoga")
     assert str(path) in str(caught.value)
-    write(tmp_path, "yoga", "native", W=held["W"])
+    write(tmp_path, "yoga", "native", W=contents["W"])
     with pytest.raises(DatasetError, match="field Rs is missing"):
         load_single(tmp_path, "yoga")
-    write(tmp_path, "yoga", "native", **(held | {"Rs": held["Rs"][1:]}))
+    write(tmp_path, "yoga", "native", **(contents | {"Rs": contents["Rs"][1:]}))
     with pytest.raises(DatasetError, match="field Rs has shape"):
         load_single(tmp_path, "yoga")
 
@@ -340,9 +340,9 @@ def test_akhter_cameras_turn_five_degrees_a_frame_about_z(data_folder: Path, nam
     np.testing.assert_allclose(np.abs(np.diff(angle)), np.deg2rad(5), atol=1e-10)
     sense = np.sign(angle[1] - angle[0])
     start = np.rad2deg(angle[0])
-    own = orbit(len(R) + 80, sense * 5.0)
+    orbiting = orbit(len(R) + 80, sense * 5.0)
     first = round(start / 5.0 * sense) % 72
-    np.testing.assert_allclose(R, own[first : first + len(R)], atol=1e-8)
+    np.testing.assert_allclose(R, orbiting[first : first + len(R)], atol=1e-8)
 
 
 @pytest.mark.data

@@ -16,13 +16,19 @@ from nrsfm.datasets.public import catalogue as sources
 from nrsfm.datasets.real.take import PERSON, bodies
 from nrsfm.datasets.real.thinning import Thinning
 from nrsfm.datasets.scene import Scene
-from tests.datasets.conftest import MARKERS
+from tests.datasets.conftest import MARKERS, WriteC3D
 
 F = 40
 PEOPLE = [f"{person}:{marker}" for person in ("LEFT", "RIGHT") for marker in MARKERS]
 OTHERS = ["ball1", "ball2", "Table:a", "Table:b", "*17", "*18"]
 LABELS = [*PEOPLE[:37], *OTHERS[:3], *PEOPLE[37:], *OTHERS[3:]]  # as they were tracked, not sorted
-SETTINGS = {"source": "take", "folder": "umpm", "take": "p2_free_2", "name": "p2_free_2", "persons": None}
+SETTINGS: dict[str, Any] = {
+    "source": "take",
+    "folder": "umpm",
+    "take": "p2_free_2",
+    "name": "p2_free_2",
+    "persons": None,
+}
 SETTINGS |= {"others": "none", "vertical": "z", "video_rate": 50.0, "range": None, "stride": None, "frames": 400}
 SETTINGS |= {"least_seen": 0.5, "degrees_per_frame": 5.0}
 
@@ -39,7 +45,7 @@ def points(n_markers: int = len(LABELS)) -> Array:
 
 
 @pytest.fixture
-def take(tmp_path: Path, write_c3d: Any) -> Path:
+def take(tmp_path: Path, write_c3d: WriteC3D) -> Path:
     return write_c3d(tmp_path / "umpm/p2_free_2.c3d", points(), LABELS)
 
 
@@ -66,7 +72,7 @@ def test_umpm_layout(take: Path, tmp_path: Path) -> None:
     assert registry.digest(SETTINGS, tmp_path) == sources.sha256(take)
 
 
-def test_as_the_archive_is_unpacked(tmp_path: Path, write_c3d: Any) -> None:
+def test_as_the_archive_is_unpacked(tmp_path: Path, write_c3d: WriteC3D) -> None:
     write_c3d(tmp_path / "umpm/Groundtruth/p4_meet_12.c3d", points(), LABELS)
     assert load_take(tmp_path, "umpm", "p4_meet_12").n_points == 74
 
@@ -87,7 +93,7 @@ def test_others(take: Path, tmp_path: Path) -> None:
     assert one.bodies == ("RIGHT",) and one.n_points == 37
 
 
-def test_gaps(tmp_path: Path, write_c3d: Any) -> None:
+def test_gaps(tmp_path: Path, write_c3d: WriteC3D) -> None:
     P = points()
     a, b, c = of("LEFT:")[5], of("RIGHT:")[0], of("RIGHT:")[36]
     P[4:10, :, a], P[:30, :, b], P[0:2, :, c] = np.nan, np.nan, 0.0
@@ -105,7 +111,7 @@ def test_gaps(tmp_path: Path, write_c3d: Any) -> None:
     assert never.n_points == 73  # a marker that is never seen has no track
 
 
-def test_frames_in_which_nothing_is_seen(tmp_path: Path, write_c3d: Any) -> None:
+def test_frames_in_which_nothing_is_seen(tmp_path: Path, write_c3d: WriteC3D) -> None:
     P = points()
     P[6] = np.nan
     write_c3d(tmp_path / "umpm/p2_free_2.c3d", P, LABELS)
@@ -114,7 +120,7 @@ def test_frames_in_which_nothing_is_seen(tmp_path: Path, write_c3d: Any) -> None
     assert registry.load_scene(SETTINGS | {"range": [4, 20]}, tmp_path).n_frames == 16
 
 
-def test_virtual_markers(tmp_path: Path, write_c3d: Any) -> None:
+def test_virtual_markers(tmp_path: Path, write_c3d: WriteC3D) -> None:
     """15 joints a person, one person after the other, whether named apart or not."""
     P = points(2 * PERSON)
     plain = [f"joint{k}" for k in range(PERSON)] * 2
@@ -128,7 +134,7 @@ def test_virtual_markers(tmp_path: Path, write_c3d: Any) -> None:
         load_take(tmp_path, "umpm", "odd_vm")
 
 
-def test_duplicate_labels(tmp_path: Path, write_c3d: Any) -> None:
+def test_duplicate_labels(tmp_path: Path, write_c3d: WriteC3D) -> None:
     labels = [*LABELS[:3], LABELS[1], *LABELS[4:]]
     path = write_c3d(tmp_path / "umpm/p2_free_2.c3d", points(), labels)
     with pytest.raises(DatasetError, match="2 markers have the label 'LEFT:LWRTOP'; name them apart") as caught:
@@ -137,13 +143,13 @@ def test_duplicate_labels(tmp_path: Path, write_c3d: Any) -> None:
 
 
 @pytest.mark.parametrize("unit", ["", "furlong", "MM"])
-def test_unknown_unit(tmp_path: Path, write_c3d: Any, unit: str) -> None:
+def test_unknown_unit(tmp_path: Path, write_c3d: WriteC3D, unit: str) -> None:
     write_c3d(tmp_path / "umpm/p2_free_2.c3d", points(), LABELS, unit=unit)
     with pytest.raises(DatasetError, match="unit of length"):
         registry.load_scene(SETTINGS, tmp_path)
 
 
-def test_units_do_not_change_the_scene(take: Path, tmp_path: Path, write_c3d: Any) -> None:
+def test_units_do_not_change_the_scene(take: Path, tmp_path: Path, write_c3d: WriteC3D) -> None:
     write_c3d(tmp_path / "umpm/metres.c3d", points() / 1024, LABELS, unit="m")
     one, other = (load_take(tmp_path, "umpm", name).tracks for name in ("p2_free_2", "metres"))
     np.testing.assert_allclose(one, other, atol=1e-12)
@@ -159,12 +165,12 @@ def test_units_do_not_change_the_scene(take: Path, tmp_path: Path, write_c3d: An
     ],
 )
 def test_who_is_a_person(labels: list[str], sizes: dict[str, int]) -> None:
-    found = bodies(Path("x.c3d"), labels)
-    assert {body: len(markers) for body, markers in found.items()} == sizes
+    groups = bodies(Path("x.c3d"), labels)
+    assert {body: len(markers) for body, markers in groups.items()} == sizes
 
 
 @pytest.mark.parametrize(
-    ("labels", "settings", "said"),
+    ("labels", "settings", "message"),
     [
         (MARKERS[:14], {}, "no 15 markers are one person's; its sets of markers are none"),
         ([], {}, "no 15 markers"),
@@ -173,8 +179,8 @@ def test_who_is_a_person(labels: list[str], sizes: dict[str, int]) -> None:
         (PEOPLE, {"others": "some"}, "dataset.others is 'some'"),
     ],
 )
-def test_no_such_people(labels: list[str], settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(DatasetError, match=said):
+def test_no_such_people(labels: list[str], settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
         bodies(Path("x.c3d"), labels, **settings)
 
 
@@ -209,7 +215,7 @@ def test_thinning_keeps_at_most_what_is_asked(n_frames: int, rate: float) -> Non
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"video_rate": 30.0}, "of which the markers' rate 100 is no multiple"),
         ({"video_rate": 200.0}, "no multiple"),
@@ -224,8 +230,8 @@ def test_thinning_keeps_at_most_what_is_asked(n_frames: int, rate: float) -> Non
         ({"least_seen": "all"}, "dataset.least_seen"),
     ],
 )
-def test_thinning_that_does_not_fit(settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(DatasetError, match=said):
+def test_thinning_that_does_not_fit(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
         Thinning(**settings).frames(11, 100.0)
 
 

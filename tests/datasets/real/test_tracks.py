@@ -1,4 +1,4 @@
-"""Tracks of one's own: every format gives the same scene, and what does not fit is refused in one line."""
+"""A user's own tracks: every format gives the same scene, and a file that does not fit is refused in one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nrsfm.datasets import registry
-from nrsfm.datasets.body import Array, centre, spread
+from nrsfm.datasets.body import centre, spread
 from nrsfm.datasets.cameras import orbit
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
@@ -38,7 +38,7 @@ def scene() -> Scene:
     return Scene("x", np.where(visible[:, None], W, np.nan), (), LABELS, centre(structure), cameras, visible)
 
 
-def fields(scene: Scene) -> dict[str, Array]:
+def fields(scene: Scene) -> dict[str, Any]:
     assert scene.structure is not None and scene.cameras is not None and scene.labels is not None
     return {
         "W": scene.tracks.reshape(2 * F, P),
@@ -49,7 +49,12 @@ def fields(scene: Scene) -> dict[str, Array]:
 
 
 def npz(path: Path, scene: Scene) -> Path:
-    parts = {"tracks": scene.tracks, "structure": scene.structure, "cameras": scene.cameras, "labels": scene.labels}
+    parts: dict[str, Any] = {
+        "tracks": scene.tracks,
+        "structure": scene.structure,
+        "cameras": scene.cameras,
+        "labels": scene.labels,
+    }
     path = path / "a.npz"
     np.savez_compressed(path, **{k: v for k, v in parts.items() if v is not None})
     return path
@@ -58,7 +63,7 @@ def npz(path: Path, scene: Scene) -> Path:
 def npz_with_mask(path: Path, scene: Scene) -> Path:
     path = path / "mask.npz"
     whole = np.where(np.isnan(scene.tracks), 7.0, scene.tracks)
-    np.savez(path, **(fields(scene) | {"W": whole.reshape(2 * F, P)}), visible=scene.visible)
+    np.savez(path, **fields(scene) | {"W": whole.reshape(2 * F, P), "visible": scene.visible})
     return path
 
 
@@ -68,8 +73,8 @@ def mat(path: Path, scene: Scene) -> Path:
 
 
 def mat_of_three_dimensions(path: Path, scene: Scene) -> Path:
-    held = {"tracks": scene.tracks, "structure": scene.structure, "cameras": scene.cameras, "labels": scene.labels}
-    scipy.io.savemat(path / "b.MAT", held)
+    arrays = {"tracks": scene.tracks, "structure": scene.structure, "cameras": scene.cameras, "labels": scene.labels}
+    scipy.io.savemat(path / "b.MAT", arrays)
     return path / "b.MAT"
 
 
@@ -140,6 +145,8 @@ def test_every_format_gives_the_same_scene(save: Callable[[Path, Scene], Path], 
     else:
         assert read.labels is None
     if save in WHOLE:
+        assert read.structure is not None and read.cameras is not None
+        assert scene.structure is not None and scene.cameras is not None
         np.testing.assert_array_equal(read.structure, centre(scene.structure))
         np.testing.assert_allclose(read.cameras, scene.cameras, atol=1e-12)
     else:
@@ -148,12 +155,12 @@ def test_every_format_gives_the_same_scene(save: Callable[[Path, Scene], Path], 
 
 def test_a_file_is_a_dataset(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = {"source": "tracks", "name": "mine", "file": str(npz(tmp_path, scene))}
-    found = registry.load_scene(settings, tmp_path / "data")
-    assert found.name == "mine" and registry.digest(settings, tmp_path / "data") == found.digest
+    loaded = registry.load_scene(settings, tmp_path / "data")
+    assert loaded.name == "mine" and registry.digest(settings, tmp_path / "data") == loaded.digest
     for folder in (".", "elsewhere"):  # from the current folder, else from the data folder
         monkeypatch.chdir(tmp_path)
         named = settings | {"file": "a.npz"}
-        assert registry.digest(named, tmp_path if folder == "elsewhere" else Path("none")) == found.digest
+        assert registry.digest(named, tmp_path if folder == "elsewhere" else Path("none")) == loaded.digest
     for call in (registry.load_scene, registry.digest):
         with pytest.raises(MissingData, match=r"b\.npz is not there"):
             call(settings | {"file": "b.npz"}, tmp_path)
@@ -205,6 +212,7 @@ def test_the_truth_is_brought_to_the_units_of_the_tracks(scene: Scene, tmp_path:
     metres = replace(scene, structure=scene.structure / 250)
     for cameras in (metres.cameras, None):
         read = load_tracks(npz(tmp_path, replace(metres, cameras=cameras)))
+        assert read.structure is not None
         np.testing.assert_allclose(read.structure, scene.structure, rtol=1e-9)
         assert "scaled by 250 to the units of the tracks" in read.notes[0]
 
@@ -219,7 +227,9 @@ def test_zeros_that_may_be_gaps_are_told(tmp_path: Path) -> None:
 def test_round_off_of_cameras_is_mended(scene: Scene, tmp_path: Path) -> None:
     assert scene.cameras is not None
     np.savez(tmp_path / "a.npz", tracks=scene.tracks, cameras=scene.cameras.astype(np.float32))
-    np.testing.assert_allclose(load_tracks(tmp_path / "a.npz").cameras, scene.cameras, atol=1e-7)
+    cameras = load_tracks(tmp_path / "a.npz").cameras
+    assert cameras is not None
+    np.testing.assert_allclose(cameras, scene.cameras, atol=1e-7)
 
 
 def test_c3d_is_seen_by_a_camera(tmp_path: Path, write_c3d: WriteC3D) -> None:
@@ -229,19 +239,20 @@ def test_c3d_is_seen_by_a_camera(tmp_path: Path, write_c3d: WriteC3D) -> None:
     read = load_tracks(path)
     assert read.bodies == ("A", "B") and read.name == "two" and "5 degrees a frame" in read.notes[0]
     metres = centre(S / 1000)
+    assert read.structure is not None
     np.testing.assert_allclose(read.structure, metres / spread(metres), atol=1e-6)
     np.testing.assert_array_equal(read.cameras, orbit(30))
 
 
 CSV: dict[str, tuple[str, ...]] = {
-    "is no name": ("frame,track,x,y", "0,,1,2", "1,a,1,2"),
+    "is not a name": ("frame,track,x,y", "0,,1,2", "1,a,1,2"),
     "line 3 has 3 cells and the header 4": ("frame,track,x,y", "0,a,1,2", "1,a,1"),
     "line 5 has 5 cells": ("frame,track,x,y", "0,a,1,2", "", "1,a,1,2", "1,b,1,2,3"),
     "line 2: x is 'one', wanted a finite number": ("frame,track,x,y", "0,a,one,2"),
     "line 2: y is 'inf'": ("frame,track,x,y", "0,a,1,inf"),
     "line 2: x is '1_0'": ("frame,track,x,y", "0,a,1_0,1"),
     "line 3: visible is 'maybe', wanted 0 or 1": ("frame,track,x,y,visible", "0,a,1,1,1", "0,b,1,1,maybe"),
-    "frame '0', track 'a' stands there twice": ("frame,track,x,y", "0,a,1,2", "0,b,1,2", "0,a,1,2"),
+    "frame '0', track 'a' occurs twice": ("frame,track,x,y", "0,a,1,2", "0,b,1,2", "0,a,1,2"),
     "track 'a' has the labels '1' and '2'": ("frame,track,x,y,label", "0,a,1,2,1", "1,a,1,2,2"),
     "track 'b' has no label": ("frame,track,x,y,label", "0,a,1,2,1", "0,b,1,2,"),
     "its header holds 'z'": ("frame,track,x,y,z", "0,a,1,2,3"),
@@ -256,22 +267,22 @@ CSV: dict[str, tuple[str, ...]] = {
     "holds 'id' and then 't'": ("id,t,u,v", "1,2,3,4"),
     "names a track twice": ("x_0,y_0,0.x,0.y", "1,2,3,4"),
     "line 3: x or y is 'q'": ("x_0,y_0", "1,2", "1,q"),
-    "a frame stands there twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
+    "a frame occurs twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
     "not a readable CSV file": ("frame,track,x,y", '0,"a"b,1,2'),
-    "track 'b\\x07' is no name": ("frame,track,x,y", "0,b\x07,1,2"),
+    "track 'b\\x07' is not a name": ("frame,track,x,y", "0,b\x07,1,2"),
 }
 
 
-@pytest.mark.parametrize("said", CSV)
-def test_csv_that_does_not_fit(said: str, tmp_path: Path) -> None:
-    refused(write(tmp_path / "a.csv", *CSV[said]), said)
+@pytest.mark.parametrize("message", CSV)
+def test_csv_that_does_not_fit(message: str, tmp_path: Path) -> None:
+    refused(write(tmp_path / "a.csv", *CSV[message]), message)
 
 
-def refused(path: Path, said: str) -> None:
+def refused(path: Path, message: str) -> None:
     with pytest.raises(DatasetError) as caught:
         load_tracks(path)
     line = str(caught.value)
-    assert said in line and str(path) in line
+    assert message in line and str(path) in line
     assert "\n" not in line and len(line) < 500 and line.isprintable()
 
 
@@ -309,9 +320,9 @@ def broken(scene: Scene) -> Mapping[str, dict[str, Any]]:
 
 @pytest.mark.parametrize("case", range(22))
 def test_arrays_that_do_not_fit(case: int, scene: Scene, tmp_path: Path) -> None:
-    said, held = list(broken(scene).items())[case]
-    np.savez(tmp_path / "a.npz", **held)
-    refused(tmp_path / "a.npz", said)
+    message, arrays = list(broken(scene).items())[case]
+    np.savez(tmp_path / "a.npz", **arrays)
+    refused(tmp_path / "a.npz", message)
 
 
 def test_all_cases_are_tried(scene: Scene) -> None:
@@ -359,4 +370,5 @@ def test_any_csv_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, bo
 def test_real_files(data_folder: Path) -> None:
     yoga = load_tracks(data_folder / "mocap/yoga.mat")
     assert yoga.tracks.shape == (307, 2, 41) and yoga.notes == () and yoga.cameras is not None
+    assert yoga.structure is not None
     np.testing.assert_allclose(yoga.cameras @ yoga.structure, yoga.tracks, atol=1e-9)

@@ -21,7 +21,14 @@ F, J = 20, 6
 NAMES = ["hip", "chest", "rHand", "rThumb1", "rIndex1", "head"]
 PARENTS = [-1, 0, 1, 2, 2, 1]
 BODY = [0, 1, 2, 5]  # without the fingers
-SETTINGS = {"source": "two_person", "name": "pair", "take": "pair", "range": None, "stride": None, "frames": 400}
+SETTINGS: dict[str, Any] = {
+    "source": "two_person",
+    "name": "pair",
+    "take": "pair",
+    "range": None,
+    "stride": None,
+    "frames": 400,
+}
 SETTINGS |= {"degrees_per_frame": 5.0}
 
 
@@ -31,10 +38,10 @@ def people() -> dict[str, Array]:
 
 
 def write(folder: Path, **changes: Any) -> Path:
-    held = {**people(), "names": np.array(NAMES), "parents": np.array(PARENTS), "dt": np.array(1 / 120), **changes}
+    arrays = {**people(), "names": np.array(NAMES), "parents": np.array(PARENTS), "dt": np.array(1 / 120), **changes}
     path = folder / "two_person/pair.npz"
     path.parent.mkdir(exist_ok=True)
-    np.savez(path, **{key: value for key, value in held.items() if value is not None})
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
     return path
 
 
@@ -63,7 +70,7 @@ def test_absent(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"names": None}, "field names is missing"),
         ({"x" * 5000: np.zeros((0, 0, 0))}, "'x{40}' has shape"),
@@ -80,9 +87,9 @@ def test_absent(tmp_path: Path) -> None:
         ({"names": np.array([{}] * J, dtype=object)}, "names.npy' holds objects"),
     ],
 )
-def test_broken(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+def test_broken(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     write(tmp_path, **changes)
-    with pytest.raises(DatasetError, match=said) as caught:
+    with pytest.raises(DatasetError, match=message) as caught:
         registry.load_scene(SETTINGS, tmp_path)
     assert "\n" not in str(caught.value)
 
@@ -102,7 +109,7 @@ def archive(path: Path, content: bytes) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (member("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999, 99999), }\n"), "claims"),
         (member("{'descr': '<f8', 'fortran_order': False, 'shape': (100,), }\n", bytes(8)), "as many numbers"),
@@ -124,9 +131,9 @@ def archive(path: Path, content: bytes) -> Path:
         (b"", "not a readable"),
     ],
 )
-def test_hostile_archives(tmp_path: Path, content: bytes, said: str) -> None:
+def test_hostile_archives(tmp_path: Path, content: bytes, message: str) -> None:
     path = archive(tmp_path / "a.npz", content)
-    with pytest.raises(DatasetError, match=said) as caught:
+    with pytest.raises(DatasetError, match=message) as caught:
         read_npz(path)
     assert str(path) in str(caught.value) and str(caught.value).isprintable()
 
@@ -164,12 +171,16 @@ def test_archives_cut_anywhere(tmp_path: Path) -> None:
 
 
 def test_arrays_come_back(tmp_path: Path) -> None:
-    held = {"f": np.asfortranarray(np.arange(6.0).reshape(2, 3)), "s": np.array(3), "t": np.array(["ab", "c"])}
+    arrays: dict[str, Any] = {
+        "f": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "s": np.array(3),
+        "t": np.array(["ab", "c"]),
+    }
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **held)
+    np.savez_compressed(buffer, **arrays)
     (tmp_path / "a.npz").write_bytes(buffer.getvalue())
     read = read_npz(tmp_path / "a.npz")
-    for name, value in held.items():
+    for name, value in arrays.items():
         np.testing.assert_array_equal(read[name], value)
     with pytest.raises(MissingData):
         read_npz(tmp_path / "b.npz")
