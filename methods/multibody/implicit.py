@@ -32,9 +32,11 @@ from threadpoolctl import ThreadpoolController
 
 from nrsfm.methods.base import Array
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
+from nrsfm.methods.multibody.lowrank import Code, Multiplier, add_rows, rows_of, soft_sparse
 from nrsfm.methods.multibody.problem import Gaps
 from nrsfm.methods.multibody.spatial import Neighbours
 from nrsfm.methods.numerics.cameras import axes
+from nrsfm.methods.numerics.linear import conjugate_gradients
 
 ENTRIES = 400  # of E per track, assumed by implicit_bytes
 
@@ -45,63 +47,9 @@ BLOCK_BYTES = 4 << 20  # of a block of Z, so that it stays in the cache
 GAP_ROWS = 1000  # the most rows of C, evenly spaced, that the code's residual is taken over
 
 
-@dataclass
-class Code:
-    """C = (A + L'R) G^-1: A (P, P) sparse, L and R (k, P), G of the neighbours (I without).
-
-    ``M`` and ``V`` are this step's low-rank part V'M, and ``fixed`` is E D' of the E that it started from.
-    ``operations`` counts the multiplications and additions of its products.
-    """
-
-    A: sp.csr_array
-    L: Array
-    R: Array
-    neighbours: Neighbours | None
-    V: Array
-    M: Array
-    fixed: sp.csr_array
-    operations: float = 0.0
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        rows, columns = self.A.shape
-        return rows, columns
-
-    def apply(self, X: Array) -> Array:
-        """C X for (P, m) columns."""
-        self._count(X.shape[1])
-        Y = X if self.neighbours is None else self.neighbours.solve(X)
-        product: Array = self.A @ Y + self.L.T @ (self.R @ Y)
-        return product
-
-    def apply_transposed(self, X: Array) -> Array:
-        """C'X for (P, m) columns."""
-        self._count(X.shape[1])
-        Y = self.A.T @ X + self.R.T @ (self.L @ X)
-        return Y if self.neighbours is None else self.neighbours.solve(Y)
-
-    def _count(self, columns: int) -> None:
-        self.operations += 2.0 * columns * (self.A.nnz + 2 * self.L.size)
-
-    def rows(self, at: slice) -> Array:
-        """Rows of C, (m, P)."""
-        return _rows(self.L, self.R, self.A, at, self.neighbours)
-
-
-@dataclass(frozen=True)
-class Multiplier:
-    """U = Y3/b at the penalty ``b``: U D' = V'M + drift, and the rest of U, which D' maps to 0, -J (I - D'G^-1 D)."""
-
-    V: Array
-    M: Array
-    drift: sp.csr_array
-    J: sp.csr_array | None
-    b: float
-
-
 @dataclass(frozen=True)
 class ImplicitProblem(PrintedProblem):
-    """The printed Lagrangian with C a :class:`Code`, E sparse and Y3 a :class:`Multiplier`.
+    """The printed Lagrangian with C a :class:`~nrsfm.methods.multibody.lowrank.Code`, E sparse, Y3 a Multiplier.
 
     Parameters
     ----------
@@ -158,12 +106,12 @@ class ImplicitProblem(PrintedProblem):
             seen = ((state.E + unseen) @ self.neighbours.D.T).tocsr()
 
         def block(at: slice) -> sp.csr_array:
-            Z = _rows(C.V, C.M, seen, at, self.neighbours)
+            Z = rows_of(C.V, C.M, seen, at, self.neighbours)
             if self.neighbours is not None:
                 Z = self.neighbours.differences(Z)
-                _add(Z, unseen, at, -1)
+                add_rows(Z, unseen, at, -1)
             Z[np.arange(len(Z)), np.arange(at.start, at.stop)] = 0
-            return _soft_sparse(Z, threshold)
+            return soft_sparse(Z, threshold)
 
         return sp.vstack(list(self._map(block, state.E.shape[1])), format="csr")
 
@@ -187,7 +135,7 @@ class ImplicitProblem(PrintedProblem):
             allowed = self.cg_tol * float(np.linalg.norm(wanted[:, rows]))
             basis = _leading(flat, 0.3 * allowed / (float(np.linalg.norm(flat)) or 1.0))[0]
             few = np.ascontiguousarray((basis.T @ flat).T.astype(self.dtype))
-            solved = self._conjugate_gradients(C, few, shift, allowed)
+            solved = self._solve_normal(C, few, shift, allowed)
             X[:, rows] += (basis @ solved.T).reshape(F, -1, P)
         S: Array = Q.transpose(0, 2, 1) @ X
         return S
@@ -200,26 +148,15 @@ class ImplicitProblem(PrintedProblem):
         result: Array = (basis @ product(few).T.astype(float)).reshape(X.shape)
         return result
 
-    def _normal(self, C: Code, X: Array) -> Array:
-        """(I - C)(I - C)' X for (P, m) columns."""
-        Y = X - C.apply_transposed(X)
-        return Y - C.apply(Y)
+    def _solve_normal(self, C: Code, B: Array, shift: float, allowed: float) -> Array:
+        """X of ((I - C)(I - C)' + shift I) X = B for (P, m) columns, to a residual of Frobenius norm ``allowed``."""
 
-    def _conjugate_gradients(self, C: Code, rhs: Array, shift: float, allowed: float) -> Array:
-        """X of (B + shift I) X = rhs for (P, m) columns, until the residual's Frobenius norm is ``allowed``."""
-        X, R, direction = np.zeros_like(rhs), rhs, rhs.copy()
-        rho = np.einsum("pm,pm->m", R, R)
-        tiny = np.finfo(rhs.dtype).tiny
-        for _ in range(200):
-            if rho.sum() <= allowed**2:
-                break
-            through = self._normal(C, direction) + self.dtype(shift) * direction
-            step = rho / np.maximum(np.einsum("pm,pm->m", direction, through), tiny)
-            X += step * direction
-            R = R - step * through
-            before, rho = rho, np.einsum("pm,pm->m", R, R)
-            direction = R + (rho / np.maximum(before, tiny)) * direction
-        return X
+        def product(X: Array) -> Array:
+            Y = X - C.apply_transposed(X)
+            result: Array = Y - C.apply(Y) + self.dtype(shift) * X
+            return result
+
+        return conjugate_gradients(product, B, lambda rho: bool(rho.sum() <= allowed**2), axis=0, max_steps=200)
 
     def gaps(self, state: PrintedState) -> Gaps:
         """S# - g(S), S - S C, the largest entry of C D - E, and 1'C - 1'."""
@@ -242,7 +179,7 @@ class ImplicitProblem(PrintedProblem):
             rows = state.C.rows(at)
             if self.neighbours is not None:
                 rows = self.neighbours.differences(rows)
-            _add(rows, state.E, at, -1)
+            add_rows(rows, state.E, at, -1)
             return float(max(rows.max(), -rows.min()))
 
         return np.array(max(self._map(block, state.E.shape[1])))
@@ -291,31 +228,6 @@ def _controller() -> ThreadpoolController:
 def blas_threads() -> int:
     """Threads that BLAS may use."""
     return max((pool.num_threads for pool in _controller().lib_controllers if pool.user_api == "blas"), default=1)
-
-
-def _rows(L: Array, R: Array, A: sp.csr_array, at: slice, neighbours: Neighbours | None) -> Array:
-    """Rows of (L'R + A) G^-1, (m, P)."""
-    block = L[:, at].T @ R
-    _add(block, A, at)
-    return block if neighbours is None else neighbours.solve(block.T).T
-
-
-def _add(block: Array, A: sp.csr_array, at: slice, sign: int = 1) -> None:
-    """block += sign A[at], without a matrix of those rows."""
-    for row, place in zip(block, range(at.start, at.stop, at.step or 1), strict=True):
-        entries = slice(A.indptr[place], A.indptr[place + 1])
-        row[A.indices[entries]] += sign * A.data[entries]
-
-
-def _soft_sparse(Z: Array, threshold: float) -> sp.csr_array:
-    """The soft threshold of (m, n) rows, as a sparse matrix of its few non-zero entries."""
-    above = np.abs(Z) > threshold
-    places = np.flatnonzero(above)
-    values = Z.ravel()[places]
-    values -= np.copysign(threshold, values)
-    ends = np.searchsorted(places, np.arange(len(Z) + 1) * Z.shape[1])
-    indices = places - np.repeat(np.arange(len(Z)) * Z.shape[1], np.diff(ends))
-    return sp.csr_array((values, indices.astype(np.int32), ends), shape=Z.shape)
 
 
 def _leading(rows: Array, tol: float) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import splu
 
 from nrsfm.methods.base import Array, MethodError
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
+from nrsfm.methods.numerics.linear import conjugate_gradients
 from nrsfm.methods.numerics.proximal import soft
 
 MOST_STEPS = 500  # of conjugate gradients, in case that rounding keeps them above the tolerance
@@ -76,20 +77,14 @@ class Neighbours:
 
         G is near enough to the identity (spectrum from 1 to 1 + 2 w^2 degree) that m factorisations would cost more.
         """
-        X = np.zeros_like(B)
-        R, direction = B.copy(), B.copy()
-        rho = np.einsum("ip,ip->i", R, R)
-        stop, tiny = tol**2 * rho, np.finfo(B.dtype).tiny
-        for _ in range(MOST_STEPS):
-            if (rho <= stop).all():
-                break
-            through = (self.G @ direction.T).T + shifts[:, None] * direction
-            step = rho / np.maximum(np.einsum("ip,ip->i", direction, through), tiny)
-            X += step[:, None] * direction
-            R -= step[:, None] * through
-            before, rho = rho, np.einsum("ip,ip->i", R, R)
-            direction = R + (rho / np.maximum(before, tiny))[:, None] * direction
-        return X
+        stop = tol**2 * np.einsum("ip,ip->i", B, B)
+        return conjugate_gradients(
+            lambda X: (self.G @ X.T).T + shifts[:, None] * X,
+            B,
+            lambda rho: bool((rho <= stop).all()),
+            axis=1,
+            max_steps=MOST_STEPS,
+        )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
-"""Symmetric products, factors and eigenvectors by the LAPACK routines that do half the work."""
+"""Symmetric products, factors and eigenvectors by the LAPACK routines that do half the work; conjugate gradients."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -44,3 +46,41 @@ def without_diagonal(A: Array) -> Array:
     """A itself, its diagonal set to zero in place."""
     np.fill_diagonal(A, 0)
     return A
+
+
+def conjugate_gradients(
+    product: Callable[[Array], Array], B: Array, done: Callable[[Array], bool], *, axis: int, max_steps: int
+) -> Array:
+    """X of product(X) = B for many right-hand sides at once, from X = 0.
+
+    Parameters
+    ----------
+    product : callable
+        A symmetric positive definite operator, of each vector its own.
+    B : array
+        Its vectors lie along ``axis``, 0 or 1.
+    done : callable
+        Whether to stop, from the squared lengths of all residuals.
+    axis, max_steps : int
+    """
+
+    def inner(U: Array, V: Array) -> Array:
+        products: Array = np.einsum("ip,ip->i" if axis == 1 else "pi,pi->i", U, V)
+        return products
+
+    def over(numerator: Array, denominator: Array) -> Array:
+        ratio = numerator / np.maximum(denominator, np.finfo(B.dtype).tiny)
+        return ratio[:, None] if axis == 1 else ratio
+
+    X, R, direction = np.zeros_like(B), B.copy(), B.copy()
+    rho = inner(R, R)
+    for _ in range(max_steps):
+        if done(rho):
+            break
+        through = product(direction)
+        step = over(rho, inner(direction, through))
+        X += step * direction
+        R -= step * through
+        before, rho = rho, inner(R, R)
+        direction = R + over(rho, before) * direction
+    return X

@@ -65,8 +65,8 @@ def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None
     benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
     solve = STEPS[step][kind == "sylvester"]
-    found = timed(benchmark, 3, 1, solve, problem, state)
-    np.testing.assert_allclose(found, STEPS[step][0](problem, state), atol=1e-7)
+    result = timed(benchmark, 3, 1, solve, problem, state)
+    np.testing.assert_allclose(result, STEPS[step][0](problem, state), atol=1e-7)
 
 
 def unavoidable(problem: DenseProblem, state: PrintedState) -> None:

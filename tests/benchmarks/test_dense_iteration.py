@@ -15,8 +15,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.methods.base import standardise
-from nrsfm.methods.multibody.implicit import ImplicitProblem, Multiplier
+from nrsfm.methods.multibody.implicit import ImplicitProblem
 from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
+from nrsfm.methods.multibody.lowrank import Multiplier
 from nrsfm.methods.multibody.problem import iterate
 from tests.benchmarks.timing import timed
 from tests.methods.parts import present

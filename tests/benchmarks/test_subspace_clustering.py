@@ -69,10 +69,10 @@ def matching_pursuit(X: np.ndarray) -> sp.csc_array:
     """The code of each point in ``DIMENSION`` others at most, chosen greedily; its own column is zero meanwhile."""
     D, codes = X.copy(order="F"), []
     for j in range(X.shape[1]):
-        own = D[:, j].copy()
+        column = D[:, j].copy()
         D[:, j] = 0
-        codes.append(spams.omp(np.asfortranarray(own[:, None]), D, L=DIMENSION, eps=1e-6, numThreads=1))
-        D[:, j] = own
+        codes.append(spams.omp(np.asfortranarray(column[:, None]), D, L=DIMENSION, eps=1e-6, numThreads=1))
+        D[:, j] = column
     return sp.csc_array(sp.hstack(codes))
 
 
@@ -94,8 +94,8 @@ SOLVERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def test_union_of_subspaces(benchmark: BenchmarkFixture, solver: str, n_points: int) -> None:
     benchmark.group = f"clustering of {n_points} points on {SUBSPACES} subspaces"
     X, labels = union(n_points)
-    found = timed(benchmark, 1 if n_points > 1000 else 3, 0, SOLVERS[solver], X)
-    benchmark.extra_info["error"] = n_wrong(found, labels) / n_points
+    result = timed(benchmark, 1 if n_points > 1000 else 3, 0, SOLVERS[solver], X)
+    benchmark.extra_info["error"] = n_wrong(result, labels) / n_points
     assert benchmark.extra_info["error"] <= 0.02
 
 

@@ -1,4 +1,4 @@
-"""Tracks with gaps: exact translations, completion of low rank, and methods that see nothing of what is hidden."""
+"""Tracks with gaps: exact translations, completion of low rank, and methods that do not depend on hidden positions."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ def rigid(n_frames: int = 40, n_points: int = 60) -> Array:
 def test_completion_recovers_tracks_of_low_rank(share: float) -> None:
     W = rigid()
     seen = np.random.default_rng(1).random((40, 60)) >= share
-    found = complete(hidden(W, seen), seen, tol=1e-8, max_iter=3000)
-    assert np.abs(found - W).max() < 1e-4 * np.abs(W).max()
-    np.testing.assert_array_equal(found.transpose(0, 2, 1)[seen], W.transpose(0, 2, 1)[seen])
+    result = complete(hidden(W, seen), seen, tol=1e-8, max_iter=3000)
+    assert np.abs(result - W).max() < 1e-4 * np.abs(W).max()
+    np.testing.assert_array_equal(result.transpose(0, 2, 1)[seen], W.transpose(0, 2, 1)[seen])
     shift = np.random.default_rng(2).standard_normal((40, 2, 1))
     moved = complete(hidden(W + shift, seen), seen)
     np.testing.assert_allclose(moved - shift, complete(hidden(W, seen), seen), atol=1e-8)
@@ -123,9 +123,9 @@ def test_what_is_hidden_plays_no_part(small_scene: Scene, visible: Mask, method:
         clone(method).reconstruct(Observations(hidden(W, visible, value), R, visible), 2)
         for value in (np.nan, 0.0, 1e9)
     ]
-    for found in results[1:]:
+    for result in results[1:]:
         for name in ("structure", "labels", "affinity"):
-            one, other = getattr(results[0], name), getattr(found, name)
+            one, other = getattr(results[0], name), getattr(result, name)
             assert (one is None) == (other is None)
             if one is not None:
                 np.testing.assert_array_equal(one, other)
@@ -137,8 +137,8 @@ def test_hidden_points_are_reconstructed(small_scene: Scene, visible: Mask, meth
     assert small_scene.cameras is not None and small_scene.structure is not None
     W, R, truth = small_scene.tracks, small_scene.cameras, small_scene.structure
     whole = present(method.reconstruct(Observations(W, R), 2).structure)
-    found = present(method.reconstruct(Observations(hidden(W, visible), R, visible), 2).structure)
-    error, usual = (np.linalg.norm(S - truth, axis=1)[~visible].mean() for S in (found, whole))
+    result = present(method.reconstruct(Observations(hidden(W, visible), R, visible), 2).structure)
+    error, usual = (np.linalg.norm(S - truth, axis=1)[~visible].mean() for S in (result, whole))
     assert error < 3 * usual and error < 0.25 * np.linalg.norm(truth, axis=1)[~visible].mean()
 
 
@@ -149,17 +149,17 @@ def test_clusters_that_are_hidden_at_once(small_scene: Scene, visible: Mask) -> 
     seen[10:14, small_scene.labels == 1] = False
     for method in METHODS:
         tracks = hidden(small_scene.tracks, seen)
-        found = clone(method).reconstruct(Observations(tracks, small_scene.cameras, seen), 2)
-        assert found.structure is None or np.isfinite(found.structure).all()
+        result = clone(method).reconstruct(Observations(tracks, small_scene.cameras, seen), 2)
+        assert result.structure is None or np.isfinite(result.structure).all()
 
 
 def test_masks_that_see_too_little(small_scene: Scene, visible: Mask) -> None:
     W = small_scene.tracks
-    for where, said in ((np.s_[3], "frame 3 is observed less"), (np.s_[:, 5], "track 5 is observed less")):
+    for where, message in ((np.s_[3], "frame 3 is observed less"), (np.s_[:, 5], "track 5 is observed less")):
         dark = visible.copy()
         dark[where] = False
         for call in (standardise, complete, lambda tracks, seen: Observations(tracks, visible=seen)):
-            with pytest.raises(MethodError, match=said):
+            with pytest.raises(MethodError, match=message):
                 call(hidden(W, dark), dark)
     with pytest.raises(MethodError, match=r"visible \(4, 3\)"):
         standardise(W, np.ones((4, 3), dtype=bool))

@@ -36,10 +36,10 @@ def pipelines() -> Pipelines:
 def test_pipelines_give_what_they_promise(small_scene: Scene, pipelines: Pipelines, name: str) -> None:
     method = pipelines[name]
     tracks = small_scene.tracks.copy()
-    found = method.reconstruct(Observations(tracks, small_scene.cameras), 2)
+    result = method.reconstruct(Observations(tracks, small_scene.cameras), 2)
     assert (tracks == small_scene.tracks).all()
-    assert (found.structure is not None) == ("structure" in method.provides)
-    labels = present(found.labels)
+    assert (result.structure is not None) == ("structure" in method.provides)
+    labels = present(result.labels)
     assert labels.shape == (small_scene.n_points,)
     again = method.reconstruct(Observations(tracks, small_scene.cameras), 2)
     np.testing.assert_array_equal(present(again.labels), labels)
@@ -116,10 +116,10 @@ def test_clusters_are_placed_where_they_are() -> None:
     S *= 1 + 0.2 * np.sin(np.arange(F) / 5)[:, None, None] * (np.arange(2 * P) >= P)
     S -= S.mean(axis=2, keepdims=True)
     R = orbit(F)
-    found = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(
+    result = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(
         Observations(project(R, S), R), 2
     )
-    assert metrics.n_wrong(present(found.labels), np.repeat([0, 1], P)) == 0
+    assert metrics.n_wrong(present(result.labels), np.repeat([0, 1], P)) == 0
 
 
 def test_lift_is_exact_on_its_basis() -> None:

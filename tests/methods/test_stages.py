@@ -1,4 +1,4 @@
-"""Every method says what it is at while it works."""
+"""Every method reports its stages while it works."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nrsfm.methods.registry import build_method
 
 
 class Listener:
-    """Keeps the stages, and in which of them iterations were told."""
+    """Records the stages, and the stages in which iterations were reported."""
 
     def __init__(self) -> None:
         self.stages: list[str] = []
@@ -45,7 +45,7 @@ WAYS = {
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_every_method_tells_its_stages(name: str, small_scene: Scene) -> None:
+def test_every_method_reports_its_stages(name: str, small_scene: Scene) -> None:
     ((trial, _),) = expand([f"method={name}"])
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     listener = Listener()
@@ -64,6 +64,6 @@ def test_gaps_are_a_stage(name: str, small_scene: Scene) -> None:
     assert listener.stages[0] == "gaps"
 
 
-def test_a_plain_function_hears_of_iterations_alone() -> None:
+def test_a_plain_function_is_called_for_iterations_alone() -> None:
     stage(lambda iteration, iterations, residuals: None, "structure")
     stage(None, "structure")

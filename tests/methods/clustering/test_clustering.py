@@ -232,7 +232,7 @@ def test_the_cheaper_of_both_cuts(dense: bool) -> None:
 
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_tracks_that_nothing_joins_are_no_cheap_cluster(n: int) -> None:
-    """All of a path but six isolated tracks, and a graph without an edge: as many labels as asked for, or no crash."""
+    """All of a path but six isolated tracks, and a graph without an edge: that number of labels, or no crash."""
     A = sp.csr_array(sp.block_diag([_chain(40, (12, 25)), sp.csr_array((6, 6))]))
     labels = spectral_clustering(A, n, cheapest=True)
     assert len(set(labels[:40].tolist())) == n

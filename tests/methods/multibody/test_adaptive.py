@@ -1,4 +1,4 @@
-"""Weights from the data, and that every block update minimises the augmented Lagrangian."""
+"""Weights from the data, and block updates that minimise the augmented Lagrangian."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def test_exact_diagonal_is_the_constrained_minimum(
 def test_proximal_steps_are_minima(
     problem: AdaptiveProblem, state: State, rng: np.random.Generator, block: str
 ) -> None:
-    found = problem.sparse_step(state) if block == "E" else shape_step(problem.l2, state)[0]
-    lowest = lagrangian(problem, with_block(state, block, found))
+    result = problem.sparse_step(state) if block == "E" else shape_step(problem.l2, state)[0]
+    lowest = lagrangian(problem, with_block(state, block, result))
     for _ in range(50):
-        change = rng.standard_normal(found.shape) * 10.0 ** rng.uniform(-5, 0)
+        change = rng.standard_normal(result.shape) * 10.0 ** rng.uniform(-5, 0)
         if block == "E":
             np.fill_diagonal(change, 0)
-        assert lagrangian(problem, with_block(state, block, found + change)) >= lowest - 1e-9
+        assert lagrangian(problem, with_block(state, block, result + change)) >= lowest - 1e-9
 
 
 def test_multipliers_follow_the_gaps(problem: AdaptiveProblem, state: State) -> None:
@@ -133,8 +133,8 @@ def test_a_scene_at_rest_is_refused_and_a_track_at_rest_is_not() -> None:
         AdaptiveMultiBody().reconstruct(Observations(still, scene.cameras), 2)
     moving = scene.tracks.copy()
     moving[:, :, 0] = still[:, :, 0]
-    found = AdaptiveMultiBody(max_iter=5).reconstruct(Observations(moving, scene.cameras), 2)
-    assert np.isfinite(present(found.structure)).all() and np.isfinite(present(found.affinity)).all()
+    result = AdaptiveMultiBody(max_iter=5).reconstruct(Observations(moving, scene.cameras), 2)
+    assert np.isfinite(present(result.structure)).all() and np.isfinite(present(result.affinity)).all()
 
 
 @pytest.mark.parametrize(
@@ -160,8 +160,8 @@ def test_noise_is_taken_out_of_the_images() -> None:
     """The structure is seen nearer to the true tracks than the noisy tracks are."""
     scene = procedural.load_scene(["person", "face"], 30, 80, 0, name="denoised", placement="paper")
     noisy = add_noise(scene.tracks, 0.02, 0, "denoised")
-    found = AdaptiveMultiBody(max_iter=30).reconstruct(Observations(noisy, scene.cameras), 2)
-    left = np.linalg.norm(present(scene.cameras) @ present(found.structure) - scene.tracks)
+    result = AdaptiveMultiBody(max_iter=30).reconstruct(Observations(noisy, scene.cameras), 2)
+    left = np.linalg.norm(present(scene.cameras) @ present(result.structure) - scene.tracks)
     assert left < 0.75 * np.linalg.norm(noisy - scene.tracks)
 
 
@@ -169,11 +169,11 @@ def test_noise_is_taken_out_of_the_images() -> None:
 def test_separates_and_reconstructs_as_the_block_matrix_method(diagonal: str) -> None:
     """Bodies whose rough motions lie in separate subspaces, with all else in common."""
     scene = two_rough_bodies()
-    found = AdaptiveMultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
-    assert n_wrong(present(found.labels), present(scene.labels)) == 0
+    result = AdaptiveMultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
+    assert n_wrong(present(result.labels), present(scene.labels)) == 0
     alone, truth = present(BMM().reconstruct(observed(scene)).structure), present(scene.structure)
-    assert e_3d(present(found.structure), truth) < 1.02 * e_3d(alone, truth)
-    assert found.history["shape"][-1] < 1e-3
+    assert e_3d(present(result.structure), truth) < 1.02 * e_3d(alone, truth)
+    assert result.history["shape"][-1] < 1e-3
 
 
 def two_rough_bodies() -> Scene:

@@ -48,13 +48,13 @@ def solve(problem: PrintedProblem, iterations: int, b: float = 1e-3) -> tuple[Pr
 @pytest.mark.parametrize("spatial", [0.0, 0.5], ids=["C", "CD"])
 def test_a_full_solve_is_the_dense_one_to_rounding(scene: Scene, spatial: float) -> None:
     dense, problem = pair(scene, spatial)
-    (wanted, gaps), (found, own) = solve(dense, 70), solve(problem, 70)
-    assert 0 < found.E.nnz < 0.7 * wanted.E.size
-    np.testing.assert_allclose(found.S, wanted.S, atol=1e-10)
-    np.testing.assert_allclose(found.E.toarray(), wanted.E, atol=1e-9)
+    (wanted, gaps), (result, others) = solve(dense, 70), solve(problem, 70)
+    assert 0 < result.E.nnz < 0.7 * wanted.E.size
+    np.testing.assert_allclose(result.S, wanted.S, atol=1e-10)
+    np.testing.assert_allclose(result.E.toarray(), wanted.E, atol=1e-9)
     for name, gap in gaps.items():
-        assert np.abs(own[name]).max() == pytest.approx(np.abs(gap).max(), abs=1e-9)
-    assert problem.objective(found) == pytest.approx(dense.objective(wanted), rel=1e-10)
+        assert np.abs(others[name]).max() == pytest.approx(np.abs(gap).max(), abs=1e-9)
+    assert problem.objective(result) == pytest.approx(dense.objective(wanted), rel=1e-10)
 
 
 @pytest.mark.parametrize("spatial", [0.0, 0.5], ids=["C", "CD"])
@@ -70,9 +70,9 @@ def test_blocks_and_threads_change_nothing(scene: Scene, spatial: float, monkeyp
 
 def test_single_precision_is_near(scene: Scene) -> None:
     double, single = pair(scene, 0.0)[1], replace(pair(scene, 0.0, np.float32)[1], cg_tol=1e-5)
-    wanted, found = solve(double, 70)[0], solve(single, 70)[0]
-    assert found.E.dtype == np.float32 and len(found.C.V) < len(wanted.C.V)
-    assert np.linalg.norm(found.S - wanted.S) < 2e-3 * np.linalg.norm(wanted.S)
+    wanted, result = solve(double, 70)[0], solve(single, 70)[0]
+    assert result.E.dtype == np.float32 and len(result.C.V) < len(wanted.C.V)
+    assert np.linalg.norm(result.S - wanted.S) < 2e-3 * np.linalg.norm(wanted.S)
 
 
 def test_leading_directions_leave_out_no_more_than_they_may(rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""Ours: every block update minimises the augmented Lagrangian, and the whole finds what was put in."""
+"""The printed method: each block update minimises the augmented Lagrangian, and a solve recovers known bodies."""
 
 from __future__ import annotations
 
@@ -139,11 +139,11 @@ def test_multipliers_follow_the_gaps(problem: DenseProblem, state: PrintedState)
 @pytest.mark.parametrize("diagonal", ["threshold", "exact"])
 def test_separates_and_reconstructs(diagonal: str) -> None:
     scene = procedural.load_scene(["person", "face"], 40, 120, 0, name="apart", placement=[3, 0, 0])
-    found = MultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
-    assert n_wrong(present(found.labels), present(scene.labels)) == 0
-    assert e_3d(present(found.structure), present(scene.structure)) < 0.06
+    result = MultiBody(diagonal=diagonal).reconstruct(Observations(scene.tracks, scene.cameras), 2)
+    assert n_wrong(present(result.labels), present(scene.labels)) == 0
+    assert e_3d(present(result.structure), present(scene.structure)) < 0.06
     for name in ("shape", "expression", "code", "affine"):
-        assert found.history[name][-1] < 1e-3 < found.history[name].max()
+        assert result.history[name][-1] < 1e-3 < result.history[name].max()
 
 
 def test_the_printed_diagonal_breaks_the_minimisation(small_scene: Scene) -> None:
@@ -198,8 +198,8 @@ def test_bad_settings_are_named(small_scene: Scene, settings: dict[str, Any], wo
 
 
 def test_one_body_has_one_label(small_scene: Scene) -> None:
-    found = MultiBody(max_iter=5).reconstruct(Observations(small_scene.tracks, small_scene.cameras), 1)
-    assert found.labels is not None and not found.labels.any()
+    result = MultiBody(max_iter=5).reconstruct(Observations(small_scene.tracks, small_scene.cameras), 1)
+    assert result.labels is not None and not result.labels.any()
 
 
 @pytest.mark.parametrize("spatial", [0.0, 1.0])

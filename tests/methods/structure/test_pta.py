@@ -38,8 +38,8 @@ def test_trajectories_on_the_basis_come_back() -> None:
     """With a camera that turns faster than they move; through gaps as well, once hidden points are in their places."""
     R = orbit(60, 25.0)
     S = on_basis(60, 4, 10)
-    found = PTA(rank=4).reconstruct(Observations(project(R, S), R))
-    np.testing.assert_allclose(present(found.structure), S, atol=1e-9)
+    result = PTA(rank=4).reconstruct(Observations(project(R, S), R))
+    np.testing.assert_allclose(present(result.structure), S, atol=1e-9)
     visible = np.random.default_rng(1).random((60, 10)) > 0.2
     np.testing.assert_allclose(fit_trajectories(project(R, S), R, 4, visible), S, atol=1e-9)
 
@@ -65,8 +65,8 @@ def test_ranks_that_cannot_be_are_refused(rank: Any) -> None:
 def test_published_errors(data_folder: Path, body: str, K: int, published: float, metric: str) -> None:
     """With rotations of the same K. Dance is stored in the camera's frame."""
     scene = load_single(data_folder, body)
-    found = PTA(rank=K).reconstruct(Observations(scene.tracks, estimate_cameras(scene.tracks, rank=K)))
-    assert metrics.evaluate(scene, found, known_cameras=False)[metric] == pytest.approx(published, rel=0.01)
+    result = PTA(rank=K).reconstruct(Observations(scene.tracks, estimate_cameras(scene.tracks, rank=K)))
+    assert metrics.evaluate(scene, result, known_cameras=False)[metric] == pytest.approx(published, rel=0.01)
 
 
 @pytest.mark.data

@@ -124,11 +124,11 @@ def test_an_independent_solver_agrees(weight: float) -> None:
         return s * np.trace(Q) / t + s * s * weight / (2 * len(M)) * (r @ r), 2 * (by_Q @ L).ravel()
 
     start = np.random.default_rng(1).standard_normal(n * n)
-    found = minimize(value, start, jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 5000})
+    result = minimize(value, start, jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 5000})
     fit = fit_gram(M, weight, tol=1e-8, max_iter=20_000)
-    assert found.fun == pytest.approx(fit.objective, rel=1e-5)
-    assert found.fun >= fit.bound
-    Q = scaled(M, found.x.reshape(n, n) @ found.x.reshape(n, n).T)
+    assert result.fun == pytest.approx(fit.objective, rel=1e-5)
+    assert result.fun >= fit.bound
+    Q = scaled(M, result.x.reshape(n, n) @ result.x.reshape(n, n).T)
     np.testing.assert_allclose(Q, fit.Q, atol=2e-2 * float(np.linalg.norm(Q)))
 
 
@@ -231,8 +231,8 @@ def test_same_cameras_for_the_same_scene(small_scene: Scene, rng: np.random.Gene
 
 def test_signs_are_continuous() -> None:
     tracks, R = non_rigid(3)
-    found = estimate_cameras(tracks, 3)
-    assert (np.einsum("fij,fij->f", found[1:], found[:-1]) > 0).all()
+    result = estimate_cameras(tracks, 3)
+    assert (np.einsum("fij,fij->f", result[1:], result[:-1]) > 0).all()
     flips = np.where(np.arange(len(R)) % 5 < 2, -1.0, 1.0)[:, None, None]
     np.testing.assert_allclose(orthonormal_rows(3 * R * flips), R * flips[0], atol=1e-12)
 
@@ -294,8 +294,8 @@ def measure(
     scene: Scene, rank: int, cameras: Array | None = None, rotation_rank: int | None = None
 ) -> dict[str, float]:
     R = estimate_cameras(scene.tracks, rotation_rank or rank) if cameras is None else cameras
-    found = BMM(rank=rank).reconstruct(Observations(scene.tracks, R))
-    return metrics.evaluate(scene, found, known_cameras=cameras is not None)
+    result = BMM(rank=rank).reconstruct(Observations(scene.tracks, R))
+    return metrics.evaluate(scene, result, known_cameras=cameras is not None)
 
 
 def share(measured: dict[str, float], name: str, metric: str, logged: str = "") -> float:
