@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.folder import check_space, read_record
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.sweep.follower import Follower
@@ -39,6 +39,8 @@ class Sweep:
 
     Parameters
     ----------
+    request : Request
+        What the sweep was asked for.
     settings : Settings
     jobs : mapping of str to Job
         All of its trials, by key.
@@ -50,6 +52,7 @@ class Sweep:
         What kept trials from the tracker, "" for nothing.
     """
 
+    request: Request
     settings: Settings
     jobs: Mapping[str, Job]
     entries: Mapping[str, Entry]
@@ -74,23 +77,23 @@ def conduct(overrides: Sequence[str]) -> Sweep:
     """
     start_server()  # libraries load while the configurations are composed
     writer = prepare()
-    jobs = _identified(overrides)
+    request = Request.of(overrides)
+    jobs = _identified(request)
     settings = next(iter(jobs.values())).settings
-    launcher = Launcher(overrides, settings)
+    launcher = Launcher(request)
     journal(settings.output, settings.sweep).parent.mkdir(parents=True, exist_ok=True)
     trials = {key: job.trial for key, job in jobs.items()}
     done = {key for key, job in jobs.items() if not job.due}
     with _interruptible(), Follower(settings, trials, done, writer) as follower:
         trouble = _run_all(list(jobs.values()), settings, launcher)
-    return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
+    return Sweep(request, settings, jobs, follower.entries, trouble, follower.trouble)
 
 
-def _identified(overrides: Sequence[str]) -> dict[str, Job]:
+def _identified(request: Request) -> dict[str, Job]:
     """The jobs of a sweep by key, each with its identity and the state in which the sweep finds it."""
-    trials = expand(overrides)
-    sweep = trials[0][1].sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+    sweep = request.settings.sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
     jobs: dict[str, Job] = {}
-    for trial, settings in trials:
+    for trial, settings in request.trials:
         identity = identify(trial, settings)
         record = read_record(settings.trials / identity.key)
         old = record.finished if record else ""

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from nrsfm.harness.config.address import SECRETS
-from nrsfm.harness.config.compose import configurations
-from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import launching
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.sweep.application import call_hydra
@@ -35,9 +32,8 @@ class Launcher:
 
     Parameters
     ----------
-    overrides : sequence of str
-    settings : Settings
-        ``workers``, ``threads``, and the output folder.
+    request : Request
+        Its settings ``workers``, ``threads`` and ``output``, and Hydra's launcher.
 
     Raises
     ------
@@ -45,11 +41,9 @@ class Launcher:
         If the launcher is not installed, or the number of workers is missing.
     """
 
-    def __init__(self, overrides: Sequence[str], settings: Settings) -> None:
-        self._settings = settings
-        self._overrides = launching(overrides)
-        with configurations():
-            hydra = compose("config", overrides=self._overrides, return_hydra_config=True).hydra
+    def __init__(self, request: Request) -> None:
+        settings = self._settings = request.settings
+        self._overrides, hydra = request.launching, request.hydra
         if hydra.callbacks:
             raise UsageError("hydra.callbacks would run any code that a configuration names; remove them")
         self._name: str = hydra.runtime.choices["hydra/launcher"]
@@ -75,7 +69,7 @@ class Launcher:
             _threads(work, n_workers)
             return
         n_jobs = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
-        place = [f"sweep={self._settings.sweep}", f"output={_quoted(self._settings.output)}"]
+        place = [f"sweep={work.jobs[0].settings.sweep}", f"output={_quoted(self._settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
         with _blocked(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _without_login():
             if self._name == RAY:

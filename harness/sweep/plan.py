@@ -13,7 +13,7 @@ import psutil
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.registry import load_scene
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.evaluate.memory import Size, foreseen_gb, refusal
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.folder import read_record
@@ -168,13 +168,12 @@ def plan(overrides: Sequence[str]) -> Plan:
     UsageError
         If the overrides cannot be composed, or their launcher cannot be used.
     """
-    trials = expand(overrides)
-    settings = trials[0][1]
-    launcher = Launcher(overrides, settings)
-    history = History(settings, {str(trial.method["name"]) for trial, _ in trials})
+    request = Request.of(overrides)
+    settings, launcher = request.settings, Launcher(request)
+    history = History(settings, {str(trial.method["name"]) for trial, _ in request.trials})
     sizes: dict[str, Size | str] = {}
     planned: list[Planned] = []
-    for trial, own_settings in trials:
+    for trial, own_settings in request.trials:
         identity = identify(trial, own_settings)
         outcome = read_record(own_settings.trials / identity.key)
         runs = outcome is None or repeats(outcome, trial, own_settings.rerun)
