@@ -16,7 +16,7 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from nrsfm import methods
+from nrsfm.methods import ENTRY_POINTS
 from nrsfm.methods.base import Method, MethodError
 from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.clustering.lrr import LRR
@@ -74,11 +74,10 @@ def provider(name: object) -> EntryPoint | None:
 
 def _of_module(name: str) -> type[BaseEstimator] | None:
     """The one public estimator that ``methods/NAME.py`` defines; None if there is no such module or estimator."""
-    path = f"{methods.__name__}.{name}"
-    if not (name.isidentifier() and find_spec(path)):
+    if not (name.isidentifier() and find_spec(f"nrsfm.methods.{name}")):
         return None
     try:
-        module = import_module(path)
+        module = import_module(f"nrsfm.methods.{name}")
     except Exception as error:
         raise MethodError(f"methods/{name}.py cannot be imported: {type(error).__name__}: {error}") from error
     kinds = [
@@ -113,7 +112,7 @@ def _of_package(entry: EntryPoint) -> type[BaseEstimator]:
 @cache
 def others() -> Mapping[str, EntryPoint]:
     """The algorithms of installed packages by name, not imported yet. Of several with one name the first counts."""
-    return {entry.name: entry for entry in reversed(tuple(entry_points(group=methods.ENTRY_POINTS)))}
+    return {entry.name: entry for entry in reversed(tuple(entry_points(group=ENTRY_POINTS)))}
 
 
 def build(settings: Mapping[str, Any]) -> BaseEstimator:

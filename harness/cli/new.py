@@ -55,7 +55,7 @@ def _check_name(kind: str, name: str) -> None:
     group, folder = KINDS[kind]
     own = methods.ALGORITHMS if kind == "method" else datasets.SOURCES
     declared = any(entry.group == group and entry.name == name for entry in installed())
-    if name in own or declared or name in choices(kind) or find_spec(f"{folder}.{name}"):
+    if name in own or declared or name in choices(kind) or find_spec(f"nrsfm.{folder}.{name}"):
         raise UsageError(f"there is a {kind} {name} already; choose another name ('nrsfm list' names them)")
 
 
@@ -66,7 +66,7 @@ def _is_imported(kind: str, name: str) -> bool:
 
 def _in_checkout(root: Path, kind: str, name: str) -> dict[Path, str]:
     folder = KINDS[kind][1]
-    words = {"name": name, "title": _title(name), "module": f"{folder}.{name}", "checkout": True}
+    words = {"name": name, "title": _title(name), "module": f"nrsfm.{folder}.{name}", "checkout": True}
     return {
         root / folder / f"{name}.py": _render(f"{kind}.py", words),
         root / "conf" / kind / f"{name}.yaml": _render(f"{kind}.yaml", words),

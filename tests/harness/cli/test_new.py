@@ -20,13 +20,14 @@ PARTS = ("harness", "methods", "datasets", "reports", "conf")
 def checkout(tmp_path: Path) -> Path:
     """A copy of this checkout, without what is not code."""
     root = tmp_path / "checkout"
-    for part in (*PARTS, "tests/__init__.py", "tests/conftest.py", "pyproject.toml"):
+    for part in (*PARTS, "tests/__init__.py", "tests/conftest.py", "tests/shell.py", "pyproject.toml"):
         target = root / part
         target.parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / part).is_dir():
             shutil.copytree(ROOT / part, target, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(ROOT / part, target)
+    shutil.copytree(ROOT / "src", root / "src", symlinks=True, ignore=shutil.ignore_patterns("*.egg-info"))
     for part in ("methods", "datasets"):
         (root / "tests" / part).mkdir()
         (root / "tests" / part / "__init__.py").touch()
@@ -34,9 +35,14 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def run(root: Path, *words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    paths = os.pathsep.join([str(root / "src"), str(root)])
     done = subprocess.run(
         [sys.executable, "-m", *words],
-        env={**os.environ, "PYTHONPATH": str(root), "NRSFM_OUTPUT": str(root.parent / "out")},
+        env={
+            **os.environ,
+            "PYTHONPATH": paths,
+            "NRSFM_OUTPUT": str(root.parent / "out"),
+        },
         cwd=cwd or root,
         capture_output=True,
         text=True,
