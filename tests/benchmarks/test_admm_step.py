@@ -61,7 +61,7 @@ def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None
     benchmark.group = f"{step} step, P = {P}, F = {FRAMES}"
     problem, state = middle(P)
     solve = STEPS[step][kind == "sylvester"]
-    solution = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)
+    solution = benchmark.pedantic(solve, (problem, state), rounds=3, warmup_rounds=1)  # type: ignore[no-untyped-call]
     np.testing.assert_allclose(solution, STEPS[step][0](problem, state), atol=1e-7)
 
 
@@ -100,4 +100,4 @@ def test_iteration(benchmark: BenchmarkFixture, P: int, kind: str) -> None:
         else:
             unavoidable(problem, state)
 
-    benchmark.pedantic(run, rounds=5, warmup_rounds=1)
+    benchmark.pedantic(run, rounds=5, warmup_rounds=1)  # type: ignore[no-untyped-call]

@@ -64,5 +64,5 @@ def test_iteration(benchmark: BenchmarkFixture, P: int, form: str) -> None:
     if isinstance(problem, ImplicitProblem):
         problem = replace(problem, **FORMS[form])
         benchmark.extra_info["entries of E a track"] = state.E.nnz / P
-    after = benchmark.pedantic(problem.iterate, (state,), rounds=3, warmup_rounds=1)[0]
+    after = benchmark.pedantic(problem.iterate, (state,), rounds=3, warmup_rounds=1)[0]  # type: ignore[no-untyped-call]
     assert np.linalg.norm(after.S - structure(P)) < 1e-3 * np.linalg.norm(structure(P))

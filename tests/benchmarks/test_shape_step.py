@@ -88,7 +88,7 @@ def test_shape_step(
     benchmark: BenchmarkFixture, pickup: tuple[np.ndarray, np.ndarray, np.ndarray], solver: str
 ) -> None:
     W, R, truth = pickup
-    S = benchmark.pedantic(SOLVERS[solver], (W, R), rounds=3, warmup_rounds=1)
+    S = benchmark.pedantic(SOLVERS[solver], (W, R), rounds=3, warmup_rounds=1)  # type: ignore[no-untyped-call]
     benchmark.extra_info["objective"] = objective(W, R, S)
     benchmark.extra_info["distance to truth"] = float(np.linalg.norm(S - truth) / np.linalg.norm(truth))
     assert objective(W, R, S) == pytest.approx(OPTIMUM, rel=3e-4)

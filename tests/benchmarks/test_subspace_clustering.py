@@ -93,7 +93,7 @@ SOLVERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def test_union_of_subspaces(benchmark: BenchmarkFixture, solver: str, n_points: int) -> None:
     benchmark.group = f"clustering of {n_points} points on {SUBSPACES} subspaces"
     X, labels = union(n_points)
-    labels_found = benchmark.pedantic(SOLVERS[solver], (X,), rounds=1 if n_points > 1000 else 3)
+    labels_found = benchmark.pedantic(SOLVERS[solver], (X,), rounds=1 if n_points > 1000 else 3)  # type: ignore[no-untyped-call]
     benchmark.extra_info["error"] = n_wrong(labels_found, labels) / n_points
     assert benchmark.extra_info["error"] <= 0.02
 

@@ -212,6 +212,14 @@ def _flat(prefix: str, tree: dict[str, object]) -> set[str]:
     return found
 
 
+def test_modules_that_the_pages_name_exist() -> None:
+    """Paths of modules in this repository, between backquotes; those of a page's own commands excepted."""
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for path in re.findall(r"`((?:conf|datasets|harness|methods|reports|tests)/[\w/.-]*)`", text):
+            assert (ROOT / path).exists() or any(name in path for name in OWN), f"{page}: {path}"
+
+
 def test_extras_that_the_pages_name_are_there() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for page in PAGES:
