@@ -1,4 +1,4 @@
-"""Fixtures that several suites share."""
+"""Shared fixtures, skips of tests whose programs or data are missing, and a summary of the skips."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def chromium() -> str | None:
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
-    """The folder of the real sequences; for tests marked ``data``."""
+    """The folder of the real sequences, for tests marked ``data``."""
     return Path(os.environ["NRSFM_DATA"])
 
 

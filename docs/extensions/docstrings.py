@@ -1,4 +1,4 @@
-"""The docstrings' formulas are plain text: |E|_1, X', C* and indented lines mean what they say and are no markup."""
+"""Formulas of docstrings are plain text: |E|_1, X', C* and indented lines are not read as markup."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def setup(app: Sphinx) -> dict[str, Any]:
 def _process(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     lines[:] = plain(lines)
     if what in ("data", "attribute"):
-        lines.insert(0, "")  # else what stands before a colon is taken for a type
+        lines.insert(0, "")  # else the text before a colon is taken for a type
 
 
 def plain(lines: list[str]) -> list[str]:
-    """A docstring whose text is no markup but for code and references, and whose indented formulas are literal."""
+    """Escape a docstring's markup except code and references, and make its indented formulas literal blocks."""
     made: list[str] = []
     section = False  # a numpy section indents its descriptions
     literal = False

@@ -1,4 +1,4 @@
-"""Equations become SVG while the site is built: no script, no font and no network are needed to read them."""
+"""Draw equations as SVG while the site is built, so that pages need no script, font or network."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def drawn(latex: str, kind: str, node: nodes.Element) -> str:
-    """An equation as SVG on the text's baseline, with its source as the label that is read aloud."""
+    """An equation as SVG on the text's baseline, with its LaTeX source as the label for screen readers."""
     try:
         spaced = APART[0].sub(APART[1], latex.replace(*BOLD_ONE))
         equation = ziamath.Latex(spaced, size=SIZE[kind], inline=kind == "inline")
         svg = str(equation.svg())
         if unknown := re.search(r"<m[ino]>(\\\w+)", equation.mathmlstr()):
-            raise ValueError(f"{unknown[1]} is no command that is known")
+            raise ValueError(f"{unknown[1]} is an unknown command")
     except Exception as error:
         logger.warning("cannot draw the equation %s: %s", latex, error, location=node)
         return f"<code>{html.escape(latex)}</code>"

@@ -98,7 +98,7 @@ def measure(benchmark: BenchmarkFixture, command: list[str], cores: int, clean: 
         done = subprocess.run([*pinned, *command], env=env, cwd=clean, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[-2000:]
 
-    benchmark.pedantic(run, setup=start, rounds=3)
+    benchmark.pedantic(run, setup=start, rounds=3)  # type: ignore[no-untyped-call]
     assert benchmark.stats is not None
     benchmark.extra_info["seconds a trial"] = round(benchmark.stats.stats.min / TRIALS, 4)
 

@@ -40,7 +40,7 @@ RUN, SHOWN = ("sh", "python"), ("text", "yaml", "toml", "json", "math", "{toctre
 
 @dataclass(frozen=True)
 class Command:
-    """A command as a page has it, without its comment."""
+    """A command as it is written on a page, without its comment."""
 
     page: str
     line: int
@@ -64,16 +64,16 @@ class Block:
 
 
 def blocks(text: str) -> list[Block]:
-    """A Markdown document in blocks."""
-    found: list[Block] = []
-    held: list[str] = []
+    """Split a Markdown document into blocks."""
+    result: list[Block] = []
+    pending: list[str] = []
     kind, start = "prose", 1
 
     def close(after: str, number: int) -> None:
         nonlocal kind, start
-        if held:
-            found.append(Block(kind, start, tuple(held)))
-        held.clear()
+        if pending:
+            result.append(Block(kind, start, tuple(pending)))
+        pending.clear()
         kind, start = after, number
 
     blank, fence = True, ""
@@ -84,7 +84,7 @@ def blocks(text: str) -> list[Block]:
                 close("prose", number + 1)
                 fence, blank = "", True
             else:
-                held.append(line)
+                pending.append(line)
             continue
         if mark:
             fence = mark[1]
@@ -93,10 +93,10 @@ def blocks(text: str) -> list[Block]:
         indented = line.startswith("    ") and (blank or kind == "indented")
         if indented != (kind == "indented") and line.strip():
             close("indented" if indented else "prose", number)
-        held.append(line)
+        pending.append(line)
         blank = not line.strip()
     close("prose", 0)
-    return found
+    return result
 
 
 def commands(page: str) -> list[Command]:
@@ -114,18 +114,18 @@ def commands(page: str) -> list[Command]:
 
 
 def mentions(page: str) -> list[Command]:
-    """What a page's prose says of a command without being one: a verb alone, or with NAMES in the place of words."""
+    """Commands that a page's prose only mentions: a verb alone, or one with NAMES in the place of words."""
     every = [b for b in blocks((ROOT / page).read_text(encoding="utf-8")) if b.kind == "prose"]
     return [Command(page, line, text) for block in every for line, text in _spans(block) if _is_mention(text)]
 
 
 def _spans(block: Block) -> list[tuple[int, str]]:
-    """Line and text of what stands between backquotes and starts with a program."""
+    """Line and text of code between backquotes that starts with a program."""
     text = "\n".join(block.lines)
     spans = [
         (text[: m.start()].count("\n"), " ".join(m[1].split())) for m in re.finditer(r"(?<!`)`([^`]+)`(?!`)", text)
     ]
-    return [(block.line + line, said) for line, said in spans if said.partition(" ")[0] in PROGRAMS and " " in said]
+    return [(block.line + line, code) for line, code in spans if code.partition(" ")[0] in PROGRAMS and " " in code]
 
 
 def _is_mention(text: str) -> bool:
@@ -133,7 +133,7 @@ def _is_mention(text: str) -> bool:
 
 
 def _joined(block: Block) -> list[tuple[int, str]]:
-    """A block's lines with their numbers, those that a backslash ends together with the next."""
+    """A block's lines with their numbers; a line that ends in a backslash is joined with the next."""
     found: list[tuple[int, str]] = []
     goes_on = False
     for number, line in enumerate(block.lines, block.line):
@@ -247,5 +247,5 @@ RULES = (
 
 
 def rule(command: Command) -> Rule | None:
-    """The rule that counts, None where there is none."""
+    """The first rule that fits a command, or None."""
     return next((rule for rule in RULES if re.fullmatch(rule.pattern, command.text)), None)

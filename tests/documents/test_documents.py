@@ -1,4 +1,4 @@
-"""What the README and the pages of the site say works: every command, every snippet, every key."""
+"""Commands, Python snippets and configuration keys in the README and the pages of the site work."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from tests.shell import Shell
 
 EVERY = [command for page in PAGES for command in commands(page)]
 ONCE = list({command.text: command for command in EVERY}.values())
-#: Choices that a page's own commands make first.
+#: Choices that earlier commands of the same page create.
 OWN = ("my_method", "my_scenes", "rigid_depth", "breathing_clouds")
 
 
@@ -66,7 +66,7 @@ def test_every_block_is_of_a_known_kind() -> None:
             assert block.kind in ("prose", "indented", *RUN, *SHOWN), f"{page}:{block.line}: {block.kind}"
 
 
-def test_what_is_no_program_is_no_command() -> None:
+def test_every_command_starts_with_a_known_program() -> None:
     for command in EVERY:
         assert command.words[0] in PROGRAMS, command
 
@@ -79,7 +79,7 @@ def tree() -> Iterator[None]:
 
 @pytest.mark.parametrize("command", ONCE, ids=lambda command: command.text)
 def test_command_is_composed(command: Command, tree: None) -> None:
-    """Its options are known, its configuration is made, its methods are built, what it names is there."""
+    """Its options are known, its configuration is composed, its methods are built, its files exist."""
     program, *words = command.words
     if program == "make":
         assert re.search(rf"^{words[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), command
@@ -115,7 +115,7 @@ def _compose(verb: str, words: list[str]) -> None:
 
 @cache
 def _make(overrides: tuple[str, ...]) -> None:
-    """The first and the last trial that overrides span."""
+    """Build the first and the last trial that the overrides span."""
     with configurations():
         jobs = spanned(overrides)
         for job in {tuple(jobs[0]), tuple(jobs[-1])}:
@@ -127,7 +127,7 @@ QUICK = [command for command in ONCE if (found := rule(command)) and found.quick
 
 
 def write_tracks(folder: Path) -> None:
-    """The tracks.npz, tracks.mat and tracks.csv that pages speak of."""
+    """Write the tracks.npz, tracks.mat and tracks.csv that pages name."""
     scene = procedural.load_scene(["person", "face"], 15, 40, 0, name="tracks", placement="paper")
     assert scene.labels is not None
     np.savez(folder / "tracks.npz", tracks=scene.tracks, labels=scene.labels)
@@ -151,7 +151,7 @@ def test_quick_commands_run(nrsfm: Shell, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if snippets(page)])
 def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> None:
-    """A page's snippets in one process, so that later ones see earlier names; there is no choice of one's own yet."""
+    """A page's snippets run in one process, so later ones see earlier names. Choices that `new` writes are replaced."""
     write_tracks(tmp_path)
     text = "\n\n".join(snippets(page)).replace("my_scenes dataset.points=40", "procedural dataset.points=8")
     (tmp_path / "page.py").write_text(text.replace("method=my_method", "method=edsc"))
@@ -167,7 +167,7 @@ def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> 
 
 
 def test_keys_that_the_pages_name_are_there() -> None:
-    """Between backquotes: group.key, key=value and group=choice are those of conf/."""
+    """Keys and choices between backquotes exist in conf/."""
     known, choices = _keys()
     for page in PAGES:
         for block in blocks((ROOT / page).read_text(encoding="utf-8")):
@@ -212,6 +212,14 @@ def _flat(prefix: str, tree: dict[str, object]) -> set[str]:
     return found
 
 
+def test_modules_that_the_pages_name_exist() -> None:
+    """Paths of modules in this repository, between backquotes; those of a page's own commands excepted."""
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for path in re.findall(r"`((?:conf|datasets|harness|methods|reports|tests)/[\w/.-]*)`", text):
+            assert (ROOT / path).exists() or any(name in path for name in OWN), f"{page}: {path}"
+
+
 def test_extras_that_the_pages_name_are_there() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for page in PAGES:
@@ -229,7 +237,7 @@ COUNTED = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "text", "number"), COUNTED)
-def test_trials_are_as_many_as_is_said(page: str, text: str, number: str) -> None:
+def test_numbers_of_trials_are_right(page: str, text: str, number: str) -> None:
     assert len(expand(Command(page, 0, text).words[2:])) == int(number)
 
 

@@ -1,4 +1,4 @@
-"""The site: it is built without a warning, opens without network, and its links lead somewhere."""
+"""The site is built without a warning, opens without network, and has no dead link."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def generated() -> ModuleType:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CONF)))
 def test_every_key_is_described_with_its_default(generated: ModuleType, path: Path) -> None:
-    """The reference has every key of a file, each with the value that YAML reads and words that say what it is."""
+    """The reference has every key of a file, each with its value and a description."""
     about, keys = generated.described(path)
     assert " ".join(about).strip()
     folded = {key.name for key in keys if key.value.startswith(">")}
@@ -46,10 +46,10 @@ def test_every_key_is_described_with_its_default(generated: ModuleType, path: Pa
     wanted = _flat(yaml.safe_load(path.read_text(encoding="utf-8")))
     assert written == {name: value for name, value in wanted.items() if name not in {"defaults", *folded}}
     plain = ("source", "name", "algorithm", "uri")  # what they are stands in the file's first line
-    told = [
+    explained = [
         key for key in keys if path.parent.name != "experiment" and not key.name.startswith(("hydra", "tolerances"))
     ]
-    assert not [key.name for key in told if not key.comment and key.name not in plain]
+    assert not [key.name for key in explained if not key.comment and key.name not in plain]
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -86,7 +86,7 @@ def test_formulas_of_docstrings_are_no_markup() -> None:
 
 
 class Page(HTMLParser):
-    """What a page asks for, where it leads, and what can be led to."""
+    """Resources that a page loads, its links, and the names that links can point to."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -171,7 +171,7 @@ def test_a_broken_dataset_is_named(nrsfm: Shell, package: Make, code: str, error
 @pytest.mark.parametrize(("code", "error"), first_then_slow(BROKEN_DATASETS))
 def test_a_broken_dataset_harms_no_other(nrsfm: Shell, package: Make, code: str, error: str) -> None:
     package(code, DATASET, **{"conf/dataset/bad.yaml": "name: bad\nsource: bad\n"})
-    done = nrsfm("run", "-m", "dataset=bad,procedural", "method=edsc", *TINY[:2])
+    done = nrsfm("run", "-m", "dataset=bad,procedural", "method=edsc")
     assert done.returncode == 2
     assert "2 trials: 2 run, 1 failed" in done.stdout
     (line,) = lines(done.stderr, error)
