@@ -11,10 +11,10 @@ from nrsfm.harness.cli.compare import locate
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.gate.baseline import Baseline, Blessed
 from nrsfm.harness.record.outcome import Outcome
+from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.record.trial import Trial
 from nrsfm.reports.formats.embed import update_document
 from nrsfm.reports.tables.build import build
-from tests.reports.conftest import Tracked
 from tests.shell import ROOT, Shell
 
 README = ROOT / "README.md"
@@ -39,7 +39,7 @@ def blessed_run(trial: Trial, row: Blessed) -> Tracked:
         n_points=row.n_points,
         metrics=metrics,
     )
-    return Tracked(outcome)
+    return Tracked(outcome, "8f3c", "")
 
 
 @pytest.mark.parametrize("name", ["table1", "table2"])
