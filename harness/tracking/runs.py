@@ -76,8 +76,8 @@ def answers(overrides: Sequence[str], runs: Runs | None = None) -> tuple[list[An
 
 def recorded(trials: Iterable[tuple[Trial, Settings]]) -> list[Answer]:
     """Each trial with the record in its own folder, or None; asks no tracker."""
-    found: list[Answer] = []
+    pairs: list[Answer] = []
     for trial, settings in trials:
         outcome = read_record(settings.trials / identify(trial, settings)[0])
-        found.append((trial, None if outcome is None else Tracked(outcome, "", "")))
-    return found
+        pairs.append((trial, None if outcome is None else Tracked(outcome, "", "")))
+    return pairs

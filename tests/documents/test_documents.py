@@ -25,6 +25,7 @@ from nrsfm.harness.cli.verbs import VERBS, module
 from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.settings import read
 from nrsfm.harness.config.spans import expand, spanned
+from nrsfm.harness.record.folder import write_atomically
 from nrsfm.methods.registry import build_method
 from tests.documents.documents import (
     PAGES,
@@ -40,6 +41,7 @@ from tests.documents.documents import (
     rule,
     snippets,
 )
+from tests.fuzz.files import record
 from tests.shell import Shell
 
 EVERY = [command for page in PAGES for command in commands(page)]
@@ -151,6 +153,7 @@ def test_quick_commands_run(nrsfm: Shell, tmp_path: Path) -> None:
 def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> None:
     """A page's snippets in one process, so that later ones see earlier names; there is no choice of one's own yet."""
     write_tracks(tmp_path)
+    write_atomically(tmp_path / "outputs/trials/0123456789abcdef/result.json", lambda file: file.write(record()))
     text = "\n\n".join(snippets(page)).replace("my_scenes dataset.points=40", "procedural dataset.points=8")
     (tmp_path / "page.py").write_text(text.replace("method=my_method", "method=edsc"))
     done = subprocess.run(
