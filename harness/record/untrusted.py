@@ -1,4 +1,4 @@
-"""Files that anyone may have written: read up to a size, and errors in them told on one line."""
+"""Files that anyone may have written: read up to a size limit, their errors on one line."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ from nrsfm.harness.cli.verbs import VERBS, module
 from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.settings import read
 from nrsfm.harness.config.spans import expand, spanned
+from nrsfm.harness.record.folder import write_atomically
 from nrsfm.methods.registry import build_method
 from tests.checkout import copy_checkout
 from tests.documents.documents import (
@@ -41,6 +42,7 @@ from tests.documents.documents import (
     rule,
     snippets,
 )
+from tests.fuzz.files import record
 from tests.shell import Shell
 
 EVERY = [command for page in PAGES for command in commands(page)]
@@ -153,6 +155,7 @@ def test_quick_commands_run(nrsfm: Shell, tmp_path: Path) -> None:
 def test_python_runs(page: str, environment: dict[str, str], tmp_path: Path) -> None:
     """A page's snippets run in one process, so later ones see earlier names. Choices that `new` writes are replaced."""
     write_tracks(tmp_path)
+    write_atomically(tmp_path / "outputs/trials/0123456789abcdef/result.json", lambda file: file.write(record()))
     text = "\n\n".join(snippets(page)).replace("my_scenes dataset.points=40", "procedural dataset.points=8")
     (tmp_path / "page.py").write_text(text.replace("method=my_method", "method=edsc"))
     done = subprocess.run(

@@ -30,10 +30,9 @@ def table(path: Path) -> dict[tuple[str, str, str, str], float]:
 
 
 def test_a_groupby_gives_the_numbers_of_the_reports_table(nrsfm: Shell, tmp_path: Path) -> None:
-    sweep = ("experiment=quick", "dataset.points=8", "dataset.frames=12", "method=edsc,ssc2d", "noise.level=0,0.02")
-    sweep = (*sweep, "noise.repeat=0,1")
-    assert nrsfm("run", *sweep).returncode == 0
-    assert nrsfm("report", "quick", *sweep[1:], "--quiet").returncode == 0
+    words = ("dataset.points=8", "dataset.frames=12", "method=edsc,ssc2d", "noise.level=0,0.02", "noise.repeat=0,1")
+    assert nrsfm("run", "experiment=quick", *words).returncode == 0
+    assert nrsfm("report", "quick", *words, "--quiet").returncode == 0
     trials = results(tmp_path / "out")
     means = trials.groupby(["dataset", "method", "level"])[["e_ms", "n_wrong"]].mean()
     cells = table(tmp_path / "out/report/quick.csv")
