@@ -40,4 +40,4 @@ def check_whole(setting: str, value: object, least: int, most: int | None = None
 
 def is_number(value: object) -> bool:
     """Whether a setting is a finite number, and no truth value."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and -math.inf < value < math.inf

@@ -141,9 +141,14 @@ READERS: dict[str, Callable[..., dict[str, Any]]] = {"c3d": c3d, "mat": mat, "ma
 
 def main(kind: str, path: str, result: str, seconds: int, memory: int, *arguments: str | int) -> None:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each thread takes memory of its own
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for kind_of_limit, soft, hard in (
+        (resource.RLIMIT_CPU, seconds, seconds + 1),
+        (resource.RLIMIT_AS, memory, memory),
+        (resource.RLIMIT_CORE, 0, 0),
+    ):
+        present = resource.getrlimit(kind_of_limit)[1]
+        most = hard if present == resource.RLIM_INFINITY else min(hard, present)
+        resource.setrlimit(kind_of_limit, (min(soft, most), most))
     import numpy as np
 
     np.savez(result, **READERS[kind](path, *arguments))

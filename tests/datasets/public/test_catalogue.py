@@ -251,7 +251,12 @@ def test_a_server_that_refuses_is_tried_once(closed_port: int, tmp_path: Path, m
     probes: list[str] = []
     probe = download._probe
     monkeypatch.setattr(download, "CONNECT_SECONDS", 600.0)
-    monkeypatch.setattr(download, "_probe", lambda url: probes.append(url) or probe(url))
+
+    def counted(url: str) -> str:
+        probes.append(url)
+        return probe(url)
+
+    monkeypatch.setattr(download, "_probe", counted)
     url = f"http://127.0.0.1:{closed_port}/x"
     entries = catalogue(*(File(f"g/{k}", url, "0" * 64, 3, "free", "nobody") for k in range(20)))
     results = download.get(tmp_path / "new", catalogue=entries)
