@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-import secrets
+import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from dataclasses import replace
-from datetime import datetime
-from io import StringIO
 from pathlib import Path
-
-from hydra._internal.utils import get_args_parser
+from typing import TYPE_CHECKING
 
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.address import is_server, shown
-from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.folder import read_record
-from nrsfm.harness.record.outcome import OK
-from nrsfm.harness.record.text import printable
-from nrsfm.harness.record.trial import Trial
-from nrsfm.harness.sweep.conductor import _carry_out, _hydra, _interruptible
-from nrsfm.harness.sweep.follower import Follower
-from nrsfm.harness.sweep.launcher import Launcher
-from nrsfm.harness.sweep.work import Job
-from nrsfm.harness.tracking.writer import prepare
-from nrsfm.harness.trial.execute import identify, repeats
-from nrsfm.harness.trial.isolation import start_server
-from nrsfm.harness.trial.journal import journal
+
+if TYPE_CHECKING:
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.sweep.conductor import Sweep
+
+INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")  # parts that Hydra shows
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run what the overrides ask for; returns the exit code.
+    """Run the trials of the overrides and print a summary; returns the exit code.
 
     Raises
     ------
@@ -42,99 +28,116 @@ def main(argv: Sequence[str]) -> int:
     OSError
         If the output folder cannot be written.
     """
-    asked, unknown = get_args_parser().parse_known_args(list(argv))
-    if unknown:
-        raise UsageError(f"{unknown[0]} is no option of 'nrsfm run'; see 'nrsfm run --help'")
-    if asked.config_name or asked.config_path:
-        raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
-    overrides = list(asked.overrides)
-    if asked.config_dir:
-        overrides.append(f"hydra.searchpath=[file://{Path(asked.config_dir).resolve()}]")
-    if asked.hydra_help or asked.cfg or asked.info or asked.shell_completion:
-        with redirect_stdout(StringIO()) as said:
-            code = _hydra(list(argv))
-        print(shown(said.getvalue()), end="")
-        return code
-    start_server()
+    options = command_line().read(argv)
+    _check(options)
+    if options.hydra_help or options.version or options.cfg or options.info:
+        return _show(options)
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.harness.record.text import printable
+    from nrsfm.harness.tracking.writer import prepare
+    from nrsfm.harness.trial.isolation import start_server
+
+    start_server()  # libraries load while the configurations are composed
     writer = prepare()
-    trials = expand(overrides)
-    sweep = trials[0][1].sweep or _name()
-    jobs: dict[str, Job] = {}
-    for trial, own in trials:
-        key = identify(trial, own)[0]
-        if key not in jobs:
-            found = read_record(own.trials / key)
-            jobs[key] = Job(trial, replace(own, sweep=sweep), found.finished if found else "")
-    settings = next(iter(jobs.values())).settings
-    launcher = Launcher(overrides, settings)
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.sweep.conductor import conduct
 
-    def missing() -> dict[str, Job]:
-        found = {key: read_record(settings.trials / key) for key in jobs}
-
-        def again(key: str, job: Job) -> bool:
-            outcome = found[key]
-            return outcome is None or repeats(outcome, job.trial, job.settings.rerun, job.old)
-
-        return {key: job for key, job in jobs.items() if again(key, job)}
-
-    journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    asked_for = {key: job.trial for key, job in jobs.items()}
-    with _interruptible(), Follower(settings, asked_for, jobs.keys() - missing().keys(), writer) as follower:
-        trouble = _carry_out(missing, settings, launcher)
-    if trouble:
-        print(f"nrsfm run: {printable(trouble)}; start it again to run the rest", file=sys.stderr)
-    if len(jobs) > 1 or asked.multirun:
-        _show(overrides, trials)
-    return _report(follower)
+    search = [f"hydra.searchpath=[file://{options.config_dir.resolve()}]"] if options.config_dir else []
+    request = Request.of([*options.overrides, *search])
+    if options.run and len(request.trials) > 1:
+        raise UsageError(f"--run is for one trial and the overrides span {len(request.trials)}; leave it out")
+    sweep = conduct(request, writer)
+    if sweep.trouble:
+        print(f"nrsfm run: {printable(sweep.trouble)}; start it again to run the rest", file=sys.stderr)
+    if len(sweep.jobs) > 1 or options.multirun:
+        _print_tables(request)
+    _print_summary(sweep)
+    complete = sweep.entries.keys() == sweep.jobs.keys() and sweep.counts.keys() <= {OK}
+    return 0 if complete and not sweep.tracking_trouble else 2
 
 
-def _show(overrides: Sequence[str], trials: Sequence[tuple[Trial, Settings]]) -> None:
-    """Print the tables that a sweep of these trials has just filled."""
+def _check(options: argparse.Namespace) -> None:
+    """Raise UsageError on flags of Hydra that this application has no use for, and on combinations of no meaning."""
+    if options.config_name or options.config_path:
+        raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
+    if options.experimental_rerun:
+        raise UsageError("--experimental-rerun runs a pickled job; 'nrsfm run ... rerun=all' runs trials again")
+    if options.shell_completion:
+        raise UsageError("'nrsfm completion bash' prints the completion of bash, zsh or fish")
+    if options.config_dir and not options.config_dir.is_dir():
+        raise UsageError(f"--config-dir {options.config_dir}: there is no such folder")
+    if options.run and options.multirun:
+        raise UsageError("--run is for one trial, --multirun for a sweep; give one of them")
+    shown = [flag for flag in ("cfg", "info", "hydra_help", "version") if getattr(options, flag)]
+    if len(shown) > 1:
+        raise UsageError(f"--{shown[0]} and --{shown[1]} show different things; give one of them".replace("_", "-"))
+    if options.package is not None and not options.cfg:
+        raise UsageError("--package is for --cfg; add --cfg job")
+    if options.resolve and not options.cfg:
+        raise UsageError("--resolve is for --cfg; add --cfg job")
+
+
+def _show(options: argparse.Namespace) -> int:
+    """Print what a flag of Hydra shows, without the logins of addresses."""
+    from contextlib import redirect_stdout
+    from io import StringIO
+
+    from nrsfm.harness.config.address import shown
+    from nrsfm.harness.config.compose import hydra_errors
+    from nrsfm.harness.sweep.conductor import call_hydra
+
+    words = list(options.overrides)
+    for flag in ("cfg", "info", "package", "config_dir"):
+        if (value := getattr(options, flag)) is not None:
+            words += [f"--{flag.replace('_', '-')}", str(value)]
+    words += [f"--{flag.replace('_', '-')}" for flag in ("hydra_help", "version", "resolve") if getattr(options, flag)]
+    with hydra_errors(), redirect_stdout(StringIO()) as output:
+        code = call_hydra(words)
+    print(shown(output.getvalue()), end="")
+    return 3 if code else 0
+
+
+def _print_tables(request: Request) -> None:
+    """Print the tables that a sweep has filled."""
     from nrsfm.harness.tracking.answers import recorded
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.layouts.paper import FILLS
     from nrsfm.reports.layouts.sweep import span
     from nrsfm.reports.tables.build import build
 
-    named = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
-    name = named[-1].partition("=")[2] if named else "sweep"
-    others = [word for word in overrides if word not in named]
+    name = request.experiment or "sweep"
+    layout = None if request.experiment else span([trial for trial, _ in request.trials])
     for table in FILLS.get(name, (name,)):
-        asked = trials if table == name else expand([f"experiment={table}", *others])
-        found = recorded(asked)
-        console(build(table, found, None if named else span([trial for trial, _ in trials])))
+        trials = request.trials if table == name else request.with_experiment(table).trials
+        console(build(table, recorded(trials), layout))
 
 
-def _report(follower: Follower) -> int:
-    entries = follower.entries.values()
-    ran = [entry for entry in entries if entry.ran]
-    before = len(entries) - len(ran)
-    missing = len(follower.trials) - len(entries)
-    bad = {status: n for status, n in follower.counts.items() if status != OK}
-    parts = [f"{len(ran)} run" if ran else "nothing to run"]
-    if before:
+def _print_summary(sweep: Sweep) -> None:
+    """Print how many trials ran, were done before, failed or are missing, and what kept them from the tracker."""
+    from nrsfm.harness.config.address import is_server, shown
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.harness.record.text import printable
+
+    entries, total = sweep.entries.values(), len(sweep.jobs)
+    ran = sum(entry.ran for entry in entries)
+    parts = [f"{ran} run" if ran else "nothing to run"]
+    if before := len(entries) - ran:
         parts.append(f"{before} done before")
-    parts += [f"{n} {status}" for status, n in sorted(bad.items())]
-    if missing:
+    parts += [f"{n} {status}" for status, n in sorted(sweep.counts.items()) if status != OK]
+    if missing := total - len(entries):
         parts.append(f"{missing} not reached")
-    total = len(follower.trials)
-    print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {follower.settings.output}")
+    print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {sweep.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
-    if follower.trouble:
-        uri = shown(follower.settings.tracking_uri)
+    if trouble := sweep.tracking_trouble:
+        uri = shown(sweep.settings.tracking_uri)
         place = f" tracking=server tracking.uri={uri}" if is_server(uri) else ""
-        remedy = "" if "'nrsfm sync" in follower.trouble else f", 'nrsfm sync{place}' brings them in"
-        print(f"{printable(follower.trouble)}; the trials are safe{remedy}", file=sys.stderr)
-    return 2 if bad or missing or follower.trouble else 0
-
-
-def _name() -> str:
-    return f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+        remedy = "" if "'nrsfm sync" in trouble else f", 'nrsfm sync{place}' brings them in"
+        print(f"{printable(trouble)}; the trials are safe{remedy}", file=sys.stderr)
 
 
 def command_line() -> Parser:
-    """Shows and completes what Hydra parses."""
+    """The parser: every flag of Hydra, those without a use here hidden and refused."""
     parser = Parser(
         "nrsfm run",
         "Run one trial, a sweep, or an experiment. What is done already is not repeated.",
@@ -159,9 +162,13 @@ nrsfm run --cfg job method=edsc  # the configuration, and nothing runs""",
     parser.add_argument("-c", "--cfg", choices=["job", "hydra", "all"], help="show the configuration and run nothing")
     parser.add_argument("-p", "--package", metavar="KEY", help="with --cfg: show this part of it alone")
     parser.add_argument("--resolve", action="store_true", help="with --cfg: put values in the place of ${...}")
-    parts = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
-    text = f"show what Hydra has found of {', '.join(parts)}, and run nothing"
-    parser.add_argument("-i", "--info", choices=parts, metavar="PART", help=text)
+    text = f"show what Hydra found of {', '.join(INFO)}, and run nothing"
+    parser.add_argument("-i", "--info", nargs="?", const="all", choices=INFO, metavar="PART", help=text)
     parser.add_argument("-cd", "--config-dir", type=Path, metavar="FOLDER", help="add the files of a tree like conf/")
+    parser.add_argument("-r", "--run", action="store_true", help="one trial; overrides that span a sweep are refused")
+    parser.add_argument("--version", action="store_true", help="Hydra's version")
     parser.add_argument("--hydra-help", action="store_true", help="Hydra's own help")
+    for flags in (("-cn", "--config-name"), ("-cp", "--config-path"), ("--experimental-rerun",)):
+        parser.add_argument(*flags, help=argparse.SUPPRESS)
+    parser.add_argument("-sc", "--shell-completion", action="store_true", help=argparse.SUPPRESS)
     return parser

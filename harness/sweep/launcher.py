@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from nrsfm.harness.config.address import SECRETS
-from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import launching
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.sweep.work import Work, go_through
@@ -36,7 +34,7 @@ class Launcher:
 
     Parameters
     ----------
-    overrides : sequence of str
+    request : Request
     settings : Settings
         ``workers``, ``threads``, and the output folder.
 
@@ -46,11 +44,9 @@ class Launcher:
         If the launcher is not installed, or the number of workers is missing.
     """
 
-    def __init__(self, overrides: Sequence[str], settings: Settings) -> None:
+    def __init__(self, request: Request, settings: Settings) -> None:
         self._settings = settings
-        self._own = launching(overrides)
-        with configurations():
-            hydra = compose("config", overrides=self._own, return_hydra_config=True).hydra
+        self._own, hydra = request.launching, request.hydra
         if hydra.callbacks:
             raise UsageError("hydra.callbacks would run whatever a configuration names; take them out")
         self._name: str = hydra.runtime.choices["hydra/launcher"]

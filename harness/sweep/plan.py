@@ -10,7 +10,7 @@ from functools import cached_property
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.registry import load_scene
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.evaluate.memory import Size, foreseen_gb, refusal
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.folder import read_record
@@ -162,9 +162,9 @@ def plan(overrides: Sequence[str]) -> Plan:
     UsageError
         If the overrides cannot be composed, or their launcher cannot be used.
     """
-    trials = expand(overrides)
-    settings = trials[0][1]
-    launcher = Launcher(overrides, settings)
+    request = Request.of(overrides)
+    trials, settings = request.trials, request.settings
+    launcher = Launcher(request, settings)
     history = History(settings, {str(trial.method["name"]) for trial, _ in trials})
     sizes: dict[str, Size | str] = {}
     planned: dict[str, Planned] = {}

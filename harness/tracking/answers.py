@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.harness.record.trial import Trial
@@ -43,12 +43,13 @@ class Store:
         return self._by_key.get(key) or self._by_setting.get(setting)
 
 
-def answers(overrides: Sequence[str], store: Store | None = None) -> tuple[list[Answer], Settings, Store]:
+def answers(request: Request | Sequence[str], store: Store | None = None) -> tuple[list[Answer], Settings, Store]:
     """Every trial of the overrides with the run that answers it, None where none does.
 
     Parameters
     ----------
-    overrides : sequence of str
+    request : Request or sequence of str
+        The overrides, expanded or not.
     store : Store, optional
         The runs, where they have been read before; otherwise they are read now.
 
@@ -57,8 +58,9 @@ def answers(overrides: Sequence[str], store: Store | None = None) -> tuple[list[
     UsageError
         If the overrides cannot be composed or the tracker cannot be reached.
     """
-    trials = expand(overrides)
-    settings = trials[0][1]
+    if not isinstance(request, Request):
+        request = Request.of(request)
+    trials, settings = request.trials, request.settings
     store = store or Store(settings)
     found: list[Answer] = [(trial, store.find(identify(trial, own)[0], trial.setting)) for trial, own in trials]
     return found, settings, store
