@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from nrsfm.harness.cli.compare import locate
-from nrsfm.harness.cli.report import renew
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.gate.baseline import Baseline, Blessed
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.formats.embed import update_document
 from nrsfm.reports.tables.build import build
 from tests.reports.conftest import Tracked
 from tests.shell import ROOT, Shell
@@ -52,7 +52,7 @@ def test_tables_are_printed_from_the_blessed_numbers(name: str, tmp_path: Path) 
     ]
     copy = tmp_path / "README.md"
     shutil.copy(README, copy)
-    renew(copy, [build(name, answers)])
+    update_document(copy, [build(name, answers)])
     assert copy.read_text() == README.read_text(), f"nrsfm report {name} --into README.md"
 
 

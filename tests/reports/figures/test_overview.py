@@ -10,13 +10,13 @@ import pytest
 import scipy.sparse as sp
 
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.cli.report import renew
 from nrsfm.harness.evaluate.matching import matched
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import binned
 from nrsfm.reports.figures.overview import overview, save
 from nrsfm.reports.figures.style import COLOURS
+from nrsfm.reports.formats.embed import update_document
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Verdict
 
@@ -101,24 +101,24 @@ def test_tables_are_renewed_between_their_marks(tmp_path: Path) -> None:
     table = build("table1", [])
     path = tmp_path / "README.md"
     path.write_text("before\n<!-- table1 -->\nold\n<!-- end table1 -->\nafter\n")
-    renew(path, [table])
+    update_document(path, [table])
     text = path.read_text()
     assert text.startswith("before\n<!-- table1 -->\n")
     assert text.endswith("<!-- end table1 -->\nafter\n")
     assert "old" not in text
     assert "| Dance+Yoga |" in text
-    renew(path, [table])
+    update_document(path, [table])
     assert path.read_text() == text
     path.write_text("no marks")
     with pytest.raises(UsageError, match="table1"):
-        renew(path, [table])
+        update_document(path, [table])
 
 
 def test_the_tally_counts_what_was_reproduced(tmp_path: Path, table1_answers: list[Any]) -> None:
     table, study = build("table1", table1_answers), build("rank_study", [])
     path = tmp_path / "page.md"
     path.write_text("<!-- tally -->\n<!-- end tally -->\n<!-- rank_study -->\n<!-- end rank_study -->\n")
-    renew(path, [table, study])
+    update_document(path, [table, study])
     text = path.read_text()
     reproduced, better, worse = (table.verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
     assert f"| Table 1 | 24 | {reproduced} | {better} | {worse} | {24 - reproduced - better - worse} |" in text

@@ -12,13 +12,13 @@ from html.parser import HTMLParser
 import pytest
 from rich.console import Console
 
-from nrsfm.harness.cli.report import Report, write
 from nrsfm.reports.claims.claims import judge
 from nrsfm.reports.claims.findings import Evidence
 from nrsfm.reports.formats import documents as writers
 from nrsfm.reports.formats.console import console
 from nrsfm.reports.formats.records import from_json, records
 from nrsfm.reports.page.report import page, plotly
+from nrsfm.reports.report import Report
 from nrsfm.reports.tables.build import build
 
 HOSTILE = (
@@ -311,7 +311,7 @@ class TestReport:
     def test_every_format_of_every_table_in_one_folder(self, tmp_path, table1_answers, table2_answers):
         answers = {"table1": table1_answers, "table2": table2_answers}
         report = Report(answers)
-        files = write(report, tmp_path / "a" / "report")
+        files = report.write(tmp_path / "a" / "report")
         assert sorted(p.name for p in files) == sorted(p.name for p in (tmp_path / "a" / "report").iterdir())
         formats = {f"table{n}{end}" for n in (1, 2) for end in writers.FORMATS}
         assert {p.name for p in files} == formats | {"index.html", "claims.json"}
@@ -320,25 +320,25 @@ class TestReport:
             text = (tmp_path / "a" / "report" / f"{name}{ending}").read_bytes()
             assert text == writers.FORMATS[ending](built[name]).encode()
         before = {p: p.read_bytes() for p in files}
-        assert {p: p.read_bytes() for p in write(Report(answers), tmp_path / "a" / "report")} == before
+        assert {p: p.read_bytes() for p in Report(answers).write(tmp_path / "a" / "report")} == before
         assert report.summary.splitlines()[1].startswith("Table 2: ")
 
     def test_a_table_that_no_paper_prints_has_no_paper_layout(self, tmp_path, answer):
         answers = {"quick": [answer("person_face", "ours", 1)]}
-        assert "quick_paper.tex" not in {path.name for path in write(Report(answers), tmp_path)}
+        assert "quick_paper.tex" not in {path.name for path in Report(answers).write(tmp_path)}
         out = io.StringIO()
         console(*Report(answers).tables, Console(file=out))
         assert "paper" not in out.getvalue()
 
     def test_nothing_is_written_if_one_table_cannot_be(self, tmp_path, table1_answers):
         with pytest.raises(ValueError, match="table name"):
-            write(Report({"table1": table1_answers, "../x": []}), tmp_path / "report")
+            Report({"table1": table1_answers, "../x": []}).write(tmp_path / "report")
         assert not (tmp_path / "report").exists()
 
     def test_a_folder_that_is_a_file(self, tmp_path):
         (tmp_path / "report").write_text("")
         with pytest.raises(ValueError, match="cannot write the report"):
-            write(Report({"table1": []}), tmp_path / "report")
+            Report({"table1": []}).write(tmp_path / "report")
 
     def test_json_is_strict(self, tmp_path, mixed):
         json.loads(writers.json_text(mixed), parse_constant=lambda name: pytest.fail(name))

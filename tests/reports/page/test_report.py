@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.cli.report import Report
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.blobs import Blobs
 from nrsfm.reports.page.report import plotly, script_json, totals
 from nrsfm.reports.page.runs import BUDGET, FRAMES, details
+from nrsfm.reports.report import Report
 from tests.reports.conftest import Tracked, make_answer
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nrsfm.harness.cli.report import Report, write
+from nrsfm.reports.report import Report
 from tests.reports.conftest import Shown, full, make_answer
 
 pytestmark = pytest.mark.browser
@@ -41,7 +41,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table2 = full(("bmm_ssc3d", "ssc2d_bmm", "ours"), structure=True)
     table2[0] = (table2[0][0], replace(table2[0][1], run_id=EVIL))
     folder = tmp_path_factory.mktemp("page")
-    write(Report({"table1": table1, "table2": table2}, lambda _: arrays), folder)
+    Report({"table1": table1, "table2": table2}, lambda _: arrays).write(folder)
     return folder / "index.html"
 
 
