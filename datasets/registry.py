@@ -255,9 +255,9 @@ def others() -> Mapping[str, EntryPoint]:
 
 def _of_module(name: str) -> ModuleType | None:
     """``datasets/NAME.py``, if it is there and a source."""
-    if not (name.isidentifier() and find_spec(f"datasets.{name}")):
+    if not (name.isidentifier() and find_spec(f"nrsfm.datasets.{name}")):
         return None
-    found = _loaded(f"datasets/{name}.py", lambda: import_module(f"datasets.{name}"), f"mend datasets/{name}.py")
+    found = _loaded(f"datasets/{name}.py", lambda: import_module(f"nrsfm.datasets.{name}"), f"mend datasets/{name}.py")
     return found if _is_source(found) else None
 
 

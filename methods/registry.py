@@ -75,10 +75,10 @@ def provider(name: object) -> EntryPoint | None:
 
 def _of_module(name: str) -> type[BaseEstimator] | None:
     """The one public estimator that ``methods/NAME.py`` defines; None if it defines none, or is not there."""
-    if not (name.isidentifier() and find_spec(f"methods.{name}")):
+    if not (name.isidentifier() and find_spec(f"nrsfm.methods.{name}")):
         return None
     try:
-        module = import_module(f"methods.{name}")
+        module = import_module(f"nrsfm.methods.{name}")
     except Exception as error:
         raise MethodError(f"methods/{name}.py cannot be imported: {type(error).__name__}: {error}") from error
     found = [
