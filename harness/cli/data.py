@@ -17,27 +17,22 @@ from nrsfm.harness.record.text import printable
 OK, FAILED = 0, 2
 
 
-def main(argv: Sequence[str], folder: Path | None = None) -> int:
-    """Run the verb.
+def main(argv: Sequence[str]) -> int:
+    """Run the verb; exit code 0 fine, 2 a file is missing or wrong.
 
-    Parameters
-    ----------
-    argv : sequence of str
-        What follows ``nrsfm data``.
-    folder : Path, optional
-        The data folder; by default that of the configuration.
-
-    Returns
-    -------
-    int
-        0 fine, 2 a file is missing or wrong, 3 wrong usage.
+    Raises
+    ------
+    DatasetError
+        If the folder or a file cannot be used.
+    UsageError
+        If the catalogue has no file of a name.
     """
     options = command_line().read(argv)
     from nrsfm.harness.config.compose import data_folder
 
     act = {"list": _list, "get": _get, "verify": _verify, "where": _where}[options.verb]
     try:
-        return act(folder or data_folder(), options)
+        return act(data_folder(), options)
     except KeyboardInterrupt:
         return _say("interrupted; files that were complete are kept, 'nrsfm data get' fetches the rest", FAILED)
 

@@ -20,11 +20,11 @@ PARTS = ("harness", "methods", "datasets", "reports", "conf")
 def checkout(tmp_path: Path) -> Path:
     """A copy of this checkout, without what is not code."""
     root = tmp_path / "checkout"
-    for part in (*PARTS, "tests/__init__.py", "tests/conftest.py", "pyproject.toml"):
+    for part in (*PARTS, "src", "tests/__init__.py", "tests/conftest.py", "pyproject.toml"):
         target = root / part
         target.parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / part).is_dir():
-            shutil.copytree(ROOT / part, target, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(ROOT / part, target, symlinks=True, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
         else:
             shutil.copy(ROOT / part, target)
     for part in ("methods", "datasets"):
@@ -36,11 +36,11 @@ def checkout(tmp_path: Path) -> Path:
 def run(root: Path, *words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
         [sys.executable, "-m", *words],
-        env={**os.environ, "PYTHONPATH": str(root), "NRSFM_OUTPUT": str(root.parent / "out")},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)]), "NRSFM_OUTPUT": str(root.parent / "out")},
         cwd=cwd or root,
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=900,
         check=False,
     )
     assert "Traceback" not in done.stderr, done.stderr
@@ -60,7 +60,7 @@ def test_in_a_checkout_it_runs_at_once(checkout: Path) -> None:
     tests = ("tests/methods/test_nearest_neighbour.py", "tests/datasets/test_a_pair.py")
     done = run(checkout, "pytest", "-q", "-n0", "-p", "no:cacheprovider", *tests)
     assert done.returncode == 0, done.stdout
-    for tool in (("ruff", "check"), ("ruff", "format", "--check"), ("mypy", "methods", "datasets")):
+    for tool in (("ruff", "check"), ("ruff", "format", "--check"), ("mypy",)):
         done = run(checkout, *tool)
         assert done.returncode == 0, done.stdout
 
