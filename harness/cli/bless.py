@@ -1,13 +1,11 @@
+"""The verb ``bless``: record measured results as a baseline."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
-from nrsfm.harness.cli.compare import _with_experiment, locate, measured
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.gate.baseline import bless
-from nrsfm.harness.record.environment import checkout
 from nrsfm.harness.record.errors import UsageError
 
 
@@ -19,16 +17,19 @@ def main(argv: Sequence[str]) -> int:
     UsageError
         If there is nothing to bless, no reason, or the file cannot be used.
     """
-    given = command_line().read(argv)
-    path = locate(given.name)
-    if checkout() is None and not given.name.endswith(".json"):
-        raise UsageError(f"the baselines of an installed harness are not written; name a file, {given.name}.json")
-    baseline = bless(
-        measured(_with_experiment(given.overrides, Path(given.name).stem)),
-        path,
-        given.reason,
-        f"{datetime.now(UTC):%Y-%m-%d}",
-    )
+    options = command_line().read(argv)
+    from datetime import UTC, datetime
+
+    from nrsfm.harness.cli.compare import locate, measured
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.gate.baseline import bless
+    from nrsfm.harness.record.environment import checkout
+
+    path = locate(options.name)
+    if checkout() is None and not options.name.endswith(".json"):
+        raise UsageError(f"the baselines of an installed harness are not written; name a file, {options.name}.json")
+    request = Request.of(options.overrides, default=Path(options.name).stem)
+    baseline = bless(measured(request), path, options.reason, f"{datetime.now(UTC):%Y-%m-%d}")
     print(f"{len(baseline.rows)} rows written to {path}")
     return 0
 

@@ -1,26 +1,18 @@
-"""The verbs ``compare`` and ``bless``: hold what was measured against a baseline, or make it the baseline."""
+"""The verb ``compare``: compare measured results with a baseline and with the published numbers."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
-from typing import Any
-
-from omegaconf import OmegaConf
+from typing import TYPE_CHECKING
 
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.compose import compose_config
-from nrsfm.harness.gate.baseline import Baseline
-from nrsfm.harness.gate.comparison import Gate, compare
-from nrsfm.harness.gate.formats import FORMATS, show
-from nrsfm.harness.gate.tolerance import tolerances
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.folder import write_text
-from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.tracking.runs import answers
-from nrsfm.reports.layouts.baseline import published
+
+if TYPE_CHECKING:
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.record.outcome import Outcome
 
 
 def main(argv: Sequence[str]) -> int:
@@ -31,39 +23,49 @@ def main(argv: Sequence[str]) -> int:
     UsageError
         If the overrides, the tolerances or the baseline cannot be used.
     """
-    given = command_line().read(argv)
-    overrides = _with_experiment(given.overrides)
-    settings: dict[str, Any] = OmegaConf.to_container(compose_config(_plain(overrides)).compare, resolve=True)  # type: ignore[assignment]
-    against, outcomes = str(settings["against"]), measured(overrides)
+    options = command_line().read(argv)
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.gate.baseline import Baseline
+    from nrsfm.harness.gate.comparison import Gate, compare
+    from nrsfm.harness.gate.formats import FORMATS, show
+    from nrsfm.harness.gate.tolerance import tolerances
+    from nrsfm.harness.record.folder import write_text
+    from nrsfm.reports.layouts.baseline import published
+
+    request = Request.of(options.overrides, default="quick")
+    settings = request.config["compare"]
+    against, outcomes = str(settings["against"]), measured(request)
     paper = compare(published(outcomes), outcomes, against="published")
     if against == "blessed":
         baseline = Baseline.read(locate(str(settings["baseline"])))
         own = compare(baseline, outcomes, tolerances(settings["tolerances"]))
-        informs = bool(paper.lines) and not given.strict
-        gate = Gate((own, paper) if given.strict else (own,), (paper,) if informs else ())
+        informs = bool(paper.lines) and not options.strict
+        gate = Gate((own, paper) if options.strict else (own,), (paper,) if informs else ())
     elif against == "published":
         gate = Gate((paper,))
     else:
         raise UsageError(f"compare.against is {against!r}, wanted blessed or published")
     for comparison in (*gate.informing, *gate.blocking):
-        show(comparison, everything=given.all)
+        show(comparison, everything=options.all)
     for name, text_of in FORMATS.items():
-        if path := getattr(given, name):
+        if path := getattr(options, name):
             write_text(path, text_of(gate))
     return gate.code
 
 
-def measured(overrides: Sequence[str]) -> list[Outcome]:
-    """Outcomes that the tracker holds for the trials of the overrides."""
-    found, _, _ = answers(overrides)
-    absent = sum(run is None for _, run in found)
+def measured(request: Request) -> list[Outcome]:
+    """The outcomes that the tracker has for the trials of a request."""
+    from nrsfm.harness.tracking.runs import answers
+
+    pairs, _ = answers(request)
+    absent = sum(run is None for _, run in pairs)
     if absent:
-        print(f"{absent} of {len(found)} trials are not run yet; 'nrsfm run' runs them", file=sys.stderr)
-    return [run.outcome for _, run in found if run is not None]
+        print(f"{absent} of {len(pairs)} trials are not run yet; 'nrsfm run' runs them", file=sys.stderr)
+    return [run.outcome for _, run in pairs if run is not None]
 
 
 def locate(name: str) -> Path:
-    """A baseline's file: a path that ends in .json, or a name among the package's own.
+    """The file of a baseline: a path that ends in .json, or a name in the package's own folder.
 
     Raises
     ------
@@ -74,17 +76,9 @@ def locate(name: str) -> Path:
         return Path(name)
     if not name.replace("_", "").replace("-", "").isalnum():
         raise UsageError(f"baseline {name!r}: wanted a name such as quick, or a path that ends in .json")
+    from importlib import resources
+
     return Path(str(resources.files("nrsfm.reports.baselines"))) / f"{name}.json"
-
-
-def _with_experiment(overrides: Sequence[str], name: str = "quick") -> list[str]:
-    named = any(word.lstrip("+").startswith("experiment=") for word in overrides)
-    swept = any("," in word or word.startswith(("dataset=", "method=")) for word in overrides)
-    return list(overrides) if named or swept else [f"experiment={name}", *overrides]
-
-
-def _plain(overrides: Sequence[str]) -> list[str]:
-    return [word for word in overrides if word.lstrip("+").startswith(("compare", "experiment="))]
 
 
 CODES = "exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usage"
@@ -93,7 +87,7 @@ CODES = "exit codes: 0 ok, 1 worse than the baseline, 2 missing or failed, 3 usa
 def command_line() -> Parser:
     parser = Parser(
         "nrsfm compare",
-        "Hold measured runs against a blessed baseline, which blocks, and the published numbers, which inform.",
+        "Compare measured results with a blessed baseline, which blocks, and with the published numbers, which inform.",
         """\
 nrsfm compare experiment=quick
 nrsfm compare experiment=table1 compare.baseline=tables

@@ -1,4 +1,4 @@
-"""The verb ``nrsfm data``: what public data there is, and getting, checking and finding it."""
+"""The verb ``data``: list, fetch, check and locate the public data."""
 
 from __future__ import annotations
 
@@ -12,43 +12,30 @@ from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.public import catalogue as sources
 from nrsfm.datasets.public import download
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.compose import data_folder
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.text import printable
 
-OK, FAILED, USAGE = 0, 2, 3
+OK, FAILED = 0, 2
 
 
-def main(argv: Sequence[str], folder: Path | None = None) -> int:
-    """Run the verb.
+def main(argv: Sequence[str]) -> int:
+    """Run the verb; exit code 0 fine, 2 a file is missing or wrong.
 
-    Parameters
-    ----------
-    argv : sequence of str
-        What follows ``nrsfm data``.
-    folder : Path, optional
-        The data folder; by default that of the configuration.
-
-    Returns
-    -------
-    int
-        0 fine, 2 a file is missing or wrong, 3 wrong usage.
+    Raises
+    ------
+    DatasetError
+        If the folder or a file cannot be used.
+    UsageError
+        If the catalogue has no file of a name.
     """
+    options = command_line().read(argv)
+    from nrsfm.harness.config.compose import data_folder
+
+    act = {"list": _list, "get": _get, "verify": _verify, "where": _where}[options.verb]
     try:
-        asked = command_line().read(argv)
-        act = {"list": _list, "get": _get, "verify": _verify, "where": _where}[asked.verb]
-        return act(folder or data_folder(), asked)
-    except UsageError as error:
-        return _say(str(error), USAGE)
-    except SystemExit as stop:  # --help, or wrong usage
-        return int(stop.code or 0)
-    except DatasetError as error:
-        return _say(str(error), FAILED)
+        return act(data_folder(), options)
     except KeyboardInterrupt:
-        return _say("interrupted; the files that had come whole are kept, 'nrsfm data get' goes on from there", FAILED)
-    except BrokenPipeError:  # ``nrsfm data list | head``
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
+        return _say("interrupted; files that were complete are kept, 'nrsfm data get' fetches the rest", FAILED)
 
 
 def _say(line: str, code: int) -> int:
@@ -68,11 +55,11 @@ def _size(n: int) -> str:
     return f"{n / 1e6:.1f} MB"
 
 
-def _list(folder: Path, asked: argparse.Namespace) -> int:
+def _list(folder: Path, options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.table import Table
 
-    found = sources.status(folder, _chosen(asked.names))
+    found = sources.status(folder, _chosen(options.names))
     table = Table("file", "state", "size", "terms", "source", box=None, pad_edge=False, header_style="bold")
     table.columns[2].justify = "right"
     for file, state in found:
@@ -85,8 +72,8 @@ def _list(folder: Path, asked: argparse.Namespace) -> int:
     return OK
 
 
-def _get(folder: Path, asked: argparse.Namespace) -> int:
-    names = _chosen(asked.names) or [file.path for file in sources.select() if file.group not in sources.ON_REQUEST]
+def _get(folder: Path, options: argparse.Namespace) -> int:
+    names = _chosen(options.names) or [file.path for file in sources.select() if file.group not in sources.ON_REQUEST]
     wanted = [file for file, state in sources.verify(folder, names) if state != sources.PRESENT]
     if not wanted:
         print(f"all {len(sources.select(names))} files are in {folder}")
@@ -130,9 +117,9 @@ def _with_progress(folder: Path, wanted: Sequence[sources.File]) -> list[tuple[s
         return download.get(folder, paths, progress)
 
 
-def _verify(folder: Path, asked: argparse.Namespace) -> int:
+def _verify(folder: Path, options: argparse.Namespace) -> int:
     by_state: dict[str, list[str]] = {sources.PRESENT: [], sources.CHANGED: [], sources.ABSENT: []}
-    for file, state in sources.verify(folder, _chosen(asked.names)):
+    for file, state in sources.verify(folder, _chosen(options.names)):
         by_state[state].append(file.path)
     right, changed, absent = by_state.values()
     fetch = f"'nrsfm data get {' '.join(dict.fromkeys(path.partition('/')[0] for path in absent))}'"
@@ -140,7 +127,7 @@ def _verify(folder: Path, asked: argparse.Namespace) -> int:
         print(f"{path}  ok")
     for path in changed:
         print(f"{path} is not the file of the catalogue; 'nrsfm data get {path}' replaces it", file=sys.stderr)
-    if absent and asked.names:
+    if absent and options.names:
         return _say(f"not in {folder}: {', '.join(absent)}; {fetch} fetches them", FAILED)
     if not right and not changed:
         return _say(f"none of the files is in {folder}; {fetch} fetches them", FAILED)
@@ -149,7 +136,7 @@ def _verify(folder: Path, asked: argparse.Namespace) -> int:
     return FAILED if changed else OK
 
 
-def _where(folder: Path, asked: argparse.Namespace) -> int:
+def _where(folder: Path, options: argparse.Namespace) -> int:
     named = os.environ.get("NRSFM_DATA", "")
     print(folder)
     if named and Path(named).expanduser().absolute() == folder.absolute():
@@ -160,9 +147,7 @@ def _where(folder: Path, asked: argparse.Namespace) -> int:
 
 
 def command_line() -> Parser:
-    """Its four verbs have parsers of their own."""
-    from nrsfm.datasets.public import catalogue as sources
-
+    """The parser, with one for each of its four verbs."""
     parser = Parser(
         "nrsfm data",
         "List, fetch and check the public data, and say where it is kept.",
@@ -171,7 +156,7 @@ nrsfm data list  # every file of the catalogue: state, size, terms, source
 nrsfm data get  # fetch what the paper's tables need and is absent
 nrsfm data get hopkins155  # the 155 motion segmentation scenes (27 MB)
 nrsfm data get drink shark  # the files of two sequences
-nrsfm data verify  # check what is there against its SHA-256
+nrsfm data verify  # check the files against their SHA-256
 NRSFM_DATA=~/nrsfm nrsfm data where""",
         "exit codes: 0 fine, 2 a file is missing or wrong, 3 wrong usage\n"
         "The folder is NRSFM_DATA where that is set. Without any files the procedural scenes stand in for the real\n"
@@ -196,6 +181,4 @@ NRSFM_DATA=~/nrsfm nrsfm data where""",
 
 
 def _files() -> Mapping[str, str]:
-    from nrsfm.datasets.public import catalogue as sources
-
     return {word: file.source for file in sources.select() for word in sorted(file.words)}

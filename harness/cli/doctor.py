@@ -1,4 +1,4 @@
-"""The verb ``doctor``: what of this installation works, and the remedy for what does not."""
+"""The verb ``doctor``: check this installation, and say how to mend what does not work."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 
 from nrsfm.harness.cli.parser import Parser
 from nrsfm.harness.doctor.requirements import NOTE, OK, PROBLEM, Finding, extras, plural, versions
-from nrsfm.harness.trial.isolation import start_server
 
 COLOURS = {OK: 32, NOTE: 33, PROBLEM: 31}  # of a terminal
 
@@ -24,16 +24,15 @@ def main(argv: Sequence[str]) -> int:
         If the overrides cannot be used.
     """
     begun = time.monotonic()
-    given = command_line().read(argv)
-    start_server()  # it loads its libraries while this process does
-    found = []
-    for finding in findings(given.overrides):
-        found.append(finding)
-        if not given.json:
+    options = command_line().read(argv)
+    done = []
+    for finding in findings(options.overrides):
+        done.append(finding)
+        if not options.json:
             print(_line(finding), flush=True)
-    states = [finding.state for finding in found]
-    if given.json:
-        data = {"usable": PROBLEM not in states, "findings": [finding.__dict__ for finding in found]}
+    states = [finding.state for finding in done]
+    if options.json:
+        data = {"usable": PROBLEM not in states, "findings": [asdict(finding) for finding in done]}
         print(json.dumps(data, indent=1, ensure_ascii=False))
     else:
         counts = [f"{n} {plural(state, n)}" for state in (PROBLEM, NOTE) if (n := states.count(state))]
@@ -43,17 +42,19 @@ def main(argv: Sequence[str]) -> int:
 
 
 def findings(overrides: Sequence[str]) -> Iterator[Finding]:
-    """What is found, one after the other; raises UsageError on overrides that cannot be used."""
+    """Run the checks one after the other; raises UsageError on overrides that cannot be used."""
     try:
-        from nrsfm.harness.config.compose import compose_config
-        from nrsfm.harness.config.settings import read
+        from nrsfm.harness.trial.isolation import start_server
+
+        start_server()  # its libraries load while those of this process do
+        from nrsfm.harness.config.settings import settings_of
         from nrsfm.harness.doctor.checks import CHECKS
-    except ImportError as error:  # then what is missing stands in the first lines
+    except ImportError as error:
         yield from (*versions(), *extras())
         remedy = "install again, into an environment of its own"
         yield Finding("libraries", PROBLEM, f"cannot be loaded: {' '.join(str(error).split())}", remedy)
         return
-    settings = read(compose_config(overrides))[1]
+    settings = settings_of(overrides)
     yield from (*versions(), *extras())
     for check in CHECKS:
         yield from check(settings)
@@ -68,12 +69,12 @@ def _line(finding: Finding) -> str:
 def command_line() -> Parser:
     parser = Parser(
         "nrsfm doctor",
-        "Say what of this installation works and what does not, each problem with its remedy.",
+        "Check this installation and print what works and what does not, each problem with its remedy.",
         """\
 nrsfm doctor
 nrsfm doctor workers=8 threads=2  # would a run with these fit this machine?
 nrsfm doctor tracking=server tracking.uri=http://127.0.0.1:5000  # does the server answer?
-nrsfm doctor --json > doctor.json  # to send along; holds no passwords""",
+nrsfm doctor --json > doctor.json  # for a bug report; contains no passwords""",
         "exit codes: 0 usable, 2 a problem stands in the way, 3 usage",
     )
     parser.add_overrides()

@@ -1,26 +1,27 @@
-"""The verb ``list``: what there is to choose from, one line each."""
+"""The verb ``list``: print methods, datasets and experiments, one line each."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.plugins import choices, faults
-from nrsfm.harness.record.text import printable
 
 GROUPS = {"methods": "method", "datasets": "dataset", "experiments": "experiment"}
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print one group, or all, and to standard error what is wrong with installed packages."""
-    given = command_line().read(argv)
+    """Print one group or all; faults of installed packages go to standard error."""
+    options = command_line().read(argv)
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from nrsfm.harness.config.plugins import choices, faults
+    from nrsfm.harness.record.text import printable
+
     console = Console()
-    for heading in [given.what] if given.what else list(GROUPS):
+    for heading in [options.what] if options.what else list(GROUPS):
         table = Table(box=None, pad_edge=False, show_header=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
@@ -40,5 +41,5 @@ def command_line() -> Parser:
         "nrsfm list\nnrsfm list methods\nnrsfm list experiments",
         "What is wrong with an installed package goes to standard error, a line each.",
     )
-    parser.add_argument("what", nargs="?", choices=["methods", "datasets", "experiments"], help="all, if left out")
+    parser.add_argument("what", nargs="?", choices=list(GROUPS), help="all, if left out")
     return parser

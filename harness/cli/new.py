@@ -1,4 +1,4 @@
-"""The verb ``new``: a method or a dataset of one's own, written as a module, a configuration and a test that run."""
+"""The verb ``new``: write the module, the configuration and the test of a new method or dataset."""
 
 from __future__ import annotations
 
@@ -9,51 +9,50 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-import jinja2
-
-from nrsfm.datasets import registry as datasets
+from nrsfm import datasets, methods
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.plugins import choices, installed
-from nrsfm.harness.record.environment import checkout
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.methods import base
-from nrsfm.methods import registry as methods
 
 NAME = r"[a-z][a-z0-9_]{0,29}"
 
-
-#: Kinds, the entry point group of each, and the folder of a checkout where its modules stand.
+#: Kind -> its entry point group, and the folder of a checkout that holds its modules.
 KINDS = {"method": (methods.ENTRY_POINTS, "methods"), "dataset": (datasets.ENTRY_POINTS, "datasets")}
 
 
 def main(argv: Sequence[str]) -> int:
-    """Write the files and say what to do next."""
-    given = command_line().read(argv)
-    _check_name(given.kind, given.name)
+    """Write the files and print what to do next."""
+    options = command_line().read(argv)
+    from nrsfm.harness.record.environment import checkout
+
+    _check_name(options.kind, options.name)
     root = checkout()
-    if given.package is None and root is not None and Path.cwd().is_relative_to(root):
-        texts = _in_checkout(root, given.kind, given.name)
+    if options.package is None and root is not None and Path.cwd().is_relative_to(root):
+        texts = _in_checkout(root, options.kind, options.name)
         after = ""
     else:
-        folder = given.package or Path(f"nrsfm-{given.name.replace('_', '-')}")
-        texts = _in_package(folder, given.kind, given.name)
+        folder = options.package or Path(f"nrsfm-{options.name.replace('_', '-')}")
+        texts = _in_package(folder, options.kind, options.name)
         after = f"  pip install --editable {folder}\n"
     _write(texts)
-    tests = next(path for path in texts if path.name == f"test_{given.name}.py")
+    tests = next(path for path in texts if path.name == f"test_{options.name}.py")
     print("\n".join(f"wrote {_short(path)}" for path in texts))
-    print(f"{after}  pytest {_short(tests)}\n  nrsfm run experiment=quick {given.kind}={given.name}")
+    print(f"{after}  pytest {_short(tests)}\n  nrsfm run experiment=quick {options.kind}={options.name}")
     return 0
 
 
 def _check_name(kind: str, name: str) -> None:
-    """Raise UsageError unless the name can be a module's and is not taken."""
+    """Raise UsageError unless the name can be a module's and is free."""
+    from nrsfm.datasets.registry import SOURCES
+    from nrsfm.harness.config.plugins import choices, installed
+    from nrsfm.methods.registry import ALGORITHMS
+
     if not re.fullmatch(NAME, name) or keyword.iskeyword(name) or _is_imported(kind, name):
         raise UsageError(
             f"{name!r} cannot be a name, wanted up to 30 lower case letters, digits and _, a letter first, no word of "
             "Python or of nrsfm.methods.base"
         )
     group, folder = KINDS[kind]
-    own = methods.ALGORITHMS if kind == "method" else datasets.SOURCES
+    own = ALGORITHMS if kind == "method" else SOURCES
     declared = any(entry.group == group and entry.name == name for entry in installed())
     if name in own or declared or name in choices(kind) or find_spec(f"nrsfm.{folder}.{name}"):
         raise UsageError(f"there is a {kind} {name} already; choose another name ('nrsfm list' names them)")
@@ -61,6 +60,8 @@ def _check_name(kind: str, name: str) -> None:
 
 def _is_imported(kind: str, name: str) -> bool:
     """Whether a method's class would have the name of something that its module imports."""
+    from nrsfm.methods import base
+
     return kind == "method" and hasattr(base, _title(name))
 
 
@@ -75,7 +76,7 @@ def _in_checkout(root: Path, kind: str, name: str) -> dict[Path, str]:
 
 
 def _in_package(folder: Path, kind: str, name: str) -> dict[Path, str]:
-    """The files of a package, the one that there is or a new one, with its pyproject.toml renewed."""
+    """The files of a package, new or existing, with the entry point in its pyproject.toml."""
     project = folder.resolve().name
     package = re.sub(r"[-. ]+", "_", project.lower())
     if not re.fullmatch(r"[a-z][a-z0-9_]*", package) or keyword.iskeyword(package):
@@ -99,7 +100,7 @@ def _in_package(folder: Path, kind: str, name: str) -> dict[Path, str]:
 
 
 def _declare(path: Path, text: str, group: str, name: str, target: str) -> str:
-    """A pyproject.toml with one more entry point; raises UsageError if that cannot be done by adding a line."""
+    """A pyproject.toml with one more entry point; raises UsageError if adding a line does not do it."""
     header, line = f'[project.entry-points."{group}"]', f'{name} = "{target}"'
     if header in text.splitlines():
         text = text.replace(header + "\n", f"{header}\n{line}\n", 1)
@@ -115,7 +116,7 @@ def _declare(path: Path, text: str, group: str, name: str, target: str) -> str:
 
 
 def _write(texts: Mapping[Path, str]) -> None:
-    """Write all files, or none if one of them is there already (pyproject.toml alone is renewed)."""
+    """Write all files, or none if one exists already; only pyproject.toml is overwritten."""
     for path in texts:
         if path.name != "pyproject.toml" and (path.exists() or path.is_symlink()):
             raise UsageError(f"{_short(path)} is there already and is not overwritten; choose another name")
@@ -125,6 +126,8 @@ def _write(texts: Mapping[Path, str]) -> None:
 
 
 def _render(template: str, words: Mapping[str, object]) -> str:
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("nrsfm.harness.cli"),
         undefined=jinja2.StrictUndefined,

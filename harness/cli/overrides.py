@@ -56,7 +56,7 @@ def complete(before: Sequence[str], word: str) -> dict[str, str]:
 
 
 def _asked(engine: DefaultCompletionPlugin, before: list[str], word: str) -> dict[str, str]:
-    """What Hydra's engine says, sorted; raises its errors where the overrides before make no configuration."""
+    """The words of Hydra's engine, sorted; raises its errors if the overrides before make no configuration."""
     groups, exact = engine._query_config_groups(word, "config", before)
     if exact and groups:
         told = choices(word.partition("=")[0].lstrip("+~"))
@@ -66,10 +66,8 @@ def _asked(engine: DefaultCompletionPlugin, before: list[str], word: str) -> dic
     found = _groups(groups, set(chosen))
     if not word.startswith("+"):
         found += engine._get_matches(config, word)
-    if word.startswith("+") or "experiment".startswith(word):
-        found.append("experiment=")
-    now = {f"{group}=": f"now {choice}" for group, choice in chosen.items()}
-    return {each: now.get(each, "") for each in sorted(set(found)) if not each.startswith("experiment=")}
+    now = {f"{group}=": f"now {choice}" for group, choice in chosen.items() if choice}
+    return {each: now.get(each, "") for each in sorted(set(found))}
 
 
 def _groups(found: Sequence[str], chosen: set[str]) -> list[str]:

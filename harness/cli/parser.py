@@ -1,4 +1,4 @@
-"""Command-line parsing that every verb shares: one line for an error, exit code 3, options and words in any order."""
+"""The parser of every verb: an error is one line and exit code 3, options and words come in any order."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from typing import Any, NoReturn
 
 from nrsfm.harness.record.text import printable
 
-FILES = ":files"  # in the place of words: a path is wanted
+FILES = ":files"  # offered in place of words where a path is wanted
 
-
-#: Words that may stand in a place, each with a line that says what it is.
+#: Gives the words that complete an argument, each with a line that explains it.
 Words = Callable[[], Mapping[str, str]]
 
 
@@ -30,7 +29,7 @@ class Parser(argparse.ArgumentParser):
     examples : str
         Commands, one a line, each with a comment.
     notes : str
-        What stands below them: exit codes, where to read on.
+        Printed below them: exit codes, where to read on.
     """
 
     def __init__(self, prog: str, description: str = "", examples: str = "", notes: str = "", **more: Any) -> None:
@@ -48,16 +47,13 @@ class Parser(argparse.ArgumentParser):
         )
 
     def add_words(self, name: str, offers: Words, **more: Any) -> None:
-        """Add words, or an option with its word, that a shell completes by what ``offers`` names."""
+        """Add an argument or an option that a shell completes with the words of ``offers``."""
         self.offers[self.add_argument(name, **more).dest] = offers
 
     def add_overrides(
         self, name: str = "overrides", metavar: str = "OVERRIDE", more: str = "", only: tuple[str, ...] = ("",)
     ) -> None:
-        """Add Hydra overrides, as every verb on trials takes them: those that begin as ``only`` says.
-
-        ``name`` may take other words, too.
-        """
+        """Add Hydra overrides, completed with those that begin as ``only`` says; ``name`` may take other words too."""
         text = f"a choice (method=ours) or a value (noise.level=0.02) as for 'nrsfm run'{more}"
         self.add_argument(name, nargs="*", metavar=metavar, help=text)
         self.overrides, self.only = name, only
@@ -85,7 +81,9 @@ def _aligned(examples: Sequence[str], longest: int = 56) -> list[str]:
     return lines
 
 
-def _choices(group: str) -> Words:
+def group_choices(group: str) -> Words:
+    """Completes the choices of a configuration group."""
+
     def offers() -> Mapping[str, str]:
         from nrsfm.harness.config.plugins import choices
 
@@ -94,5 +92,6 @@ def _choices(group: str) -> Words:
     return offers
 
 
-def _path() -> Mapping[str, str]:
+def paths() -> Mapping[str, str]:
+    """Completes the name of a file."""
     return {FILES: ""}

@@ -1,58 +1,65 @@
-"""The verb ``plan``: what a run would do, without doing it."""
+"""The verb ``plan``: print what a run would do."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING, Any
 
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.record.environment import cores
-from nrsfm.harness.record.text import printable
-from nrsfm.harness.sweep.forecast import size_words, time_words
-from nrsfm.harness.sweep.plan import Plan, Planned, plan
 
-ROWS = 40  # more are told by method and state
+if TYPE_CHECKING:
+    from rich.table import Table
 
+    from nrsfm.harness.sweep.plan import Plan, Planned
 
-WIDTH = 120  # where the output is no terminal
+ROWS = 40  # of more trials, a row for each method and state
+WIDTH = 120  # of the table when the output is not a terminal
 
 
 def main(argv: Sequence[str]) -> int:
     """Print the plan; exit code 0 when nothing failed and nothing is in the way, else 2."""
-    given = command_line().read(argv)
-    found = plan(given.overrides)
-    if given.json:
-        print(json.dumps(_plain(found), indent=1))
+    options = command_line().read(argv)
+    from rich.console import Console
+
+    from nrsfm.harness.sweep.plan import plan
+
+    planned = plan(options.overrides)
+    if options.json:
+        print(json.dumps(_plain(planned), indent=1))
     else:
         console = Console()
         if not console.is_terminal:
             console = Console(width=WIDTH, color_system=None)
-        console.print(_table(found) if given.all or len(found.trials) <= ROWS else _summary(found))
-        for line in _lines(found):
+        console.print(_table(planned) if options.all or len(planned.trials) <= ROWS else _summary(planned))
+        for line in _lines(planned):
             print(line)
-    clear = all(item.runs or item.state == "done" for item in found.trials)
-    return 0 if clear and found.fits and not any(item.reason for item in found.trials) else 2
+    clear = all(item.runs or item.state == "done" for item in planned.trials)
+    return 0 if clear and planned.fits and not any(item.reason for item in planned.trials) else 2
 
 
-def _table(found: Plan) -> Table:
+def _table(plan: Plan) -> Table:
     """A row for each trial."""
+    from rich.text import Text
+
+    from nrsfm.harness.record.text import printable
+
     table = _grid("trial", "state", "time", "memory", "disk")
-    for item in found.trials:
+    for item in plan.trials:
         table.add_row(
             Text(printable(item.trial.title)), Text(item.state), *_numbers([item]), Text(printable(item.words))
         )
     return table
 
 
-def _summary(found: Plan) -> Table:
+def _summary(plan: Plan) -> Table:
     """A row for each method and state: sums of time and disk, and the memory of the largest trial."""
+    from rich.text import Text
+
+    from nrsfm.harness.record.text import printable
+
     groups: dict[tuple[str, str], list[Planned]] = {}
-    for item in found.trials:
+    for item in plan.trials:
         groups.setdefault((item.state, str(item.trial.method["name"])), []).append(item)
     table = _grid("method", "state", "trials", "time, sum", "memory", "disk, sum")
     for (state, method), items in groups.items():
@@ -63,6 +70,8 @@ def _summary(found: Plan) -> Table:
 
 
 def _grid(*headings: str) -> Table:
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False)
     for i, heading in enumerate((*headings, "")):
         number = 2 <= i < len(headings)
@@ -72,6 +81,8 @@ def _grid(*headings: str) -> Table:
 
 def _numbers(items: Sequence[Planned]) -> tuple[str, str, str]:
     """Time, memory and disk of trials; empty where nothing runs or nothing is known."""
+    from nrsfm.harness.sweep.forecast import size_words, time_words
+
     known = [item.forecast for item in items if item.forecast and not item.reason]
     memory = max((item.memory_mb or 0.0 for item in items if not item.reason), default=0.0)
     return (
@@ -81,45 +92,50 @@ def _numbers(items: Sequence[Planned]) -> tuple[str, str, str]:
     )
 
 
-def _lines(found: Plan) -> Iterator[str]:
+def _lines(plan: Plan) -> Iterator[str]:
     """The sums below the table, and what may come in the way."""
-    yield f"{_trials(len(found.trials))}: {', '.join(f'{n} {state}' for state, n in found.counts.items())}."
-    if not found.to_run:
+    from nrsfm.harness.record.environment import cores
+    from nrsfm.harness.sweep.forecast import size_words, time_words
+
+    yield f"{_trials(len(plan.trials))}: {', '.join(f'{n} {state}' for state, n in plan.counts.items())}."
+    if not plan.to_run:
         yield "Nothing to run."
     else:
-        on = f"{found.workers} worker{'' if found.workers == 1 else 's'}"
-        on += f" of {cores()} cores" if found.here else ""
-        said = [f"{time_words(found.wall_seconds)} on {on}, {time_words(found.cpu_seconds)} of CPU time"]
-        said = said if found.known else []
-        if found.unknown:
-            said.append(f"{_trials(found.unknown)} of unknown length")
-        if found.memory_mb:
-            said.append(f"at most {size_words(found.memory_mb)} of memory a trial")
-        if found.known:
-            said.append(f"{size_words(found.disk_mb)} of disk, {size_words(found.free_mb)} are free")
-        yield f"To run: {len(found.to_run)}. Expected: {'; '.join(said) or 'nothing that can run'}."
-    yield from (f"! {warning}" for warning in found.warnings)
+        on = f"{plan.workers} worker{'' if plan.workers == 1 else 's'}"
+        on += f" of {cores()} cores" if plan.here else ""
+        said = [f"{time_words(plan.wall_seconds)} on {on}, {time_words(plan.cpu_seconds)} of CPU time"]
+        said = said if plan.known else []
+        if plan.unknown:
+            said.append(f"{_trials(plan.unknown)} of unknown length")
+        if plan.memory_mb:
+            said.append(f"at most {size_words(plan.memory_mb)} of memory a trial")
+        if plan.known:
+            said.append(f"{size_words(plan.disk_mb)} of disk, {size_words(plan.free_mb)} are free")
+        yield f"To run: {len(plan.to_run)}. Expected: {'; '.join(said) or 'nothing that can run'}."
+    yield from (f"! {warning}" for warning in plan.warnings)
 
 
 def _trials(n: int) -> str:
     return f"{n} trial{'' if n == 1 else 's'}"
 
 
-def _plain(found: Plan) -> dict[str, Any]:
+def _plain(plan: Plan) -> dict[str, Any]:
     """The plan as JSON has it; what is not known is left out."""
+    from nrsfm.harness.record.environment import cores
+
     return {
-        "counts": dict(found.counts),
-        "to_run": len(found.to_run),
-        "unknown": found.unknown,
-        "workers": found.workers,
+        "counts": dict(plan.counts),
+        "to_run": len(plan.to_run),
+        "unknown": plan.unknown,
+        "workers": plan.workers,
         "cores": cores(),
-        "wall_seconds": round(found.wall_seconds, 2),
-        "cpu_seconds": round(found.cpu_seconds, 2),
-        "memory_mb": round(found.memory_mb, 1),
-        "disk_mb": round(found.disk_mb, 2),
-        "free_mb": round(found.free_mb),
-        "warnings": list(found.warnings),
-        "trials": [_row(item) for item in found.trials],
+        "wall_seconds": round(plan.wall_seconds, 2),
+        "cpu_seconds": round(plan.cpu_seconds, 2),
+        "memory_mb": round(plan.memory_mb, 1),
+        "disk_mb": round(plan.disk_mb, 2),
+        "free_mb": round(plan.free_mb),
+        "warnings": list(plan.warnings),
+        "trials": [_row(item) for item in plan.trials],
     }
 
 

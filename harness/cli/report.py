@@ -1,24 +1,62 @@
-"""Writes tables, figures, claims and the page of experiments into one folder. Never runs a method."""
+"""The verb ``report``: write tables, figures, claims and the page of experiments. Never runs a method."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from nrsfm.harness.cli.parser import Parser, _choices
-from nrsfm.harness.config.compose import configurations
-from nrsfm.harness.config.jobs import plain_jobs
-from nrsfm.harness.config.settings import Settings, read_plain
-from nrsfm.harness.record.outcome import ABSENT, OK
-from nrsfm.harness.record.tracked import Answer, Tracked
-from nrsfm.harness.tracking.artifacts import Arrays
-from nrsfm.harness.tracking.runs import Runs, answers
-from nrsfm.reports.claims import claims
-from nrsfm.reports.formats.console import console
-from nrsfm.reports.formats.embed import update_document
-from nrsfm.reports.layouts.layout import scene_words
-from nrsfm.reports.report import Report
+from nrsfm.harness.cli.parser import Parser, group_choices
+
+if TYPE_CHECKING:
+    from nrsfm.harness.config.settings import Settings
+    from nrsfm.harness.record.tracked import Answer, Tracked
+    from nrsfm.reports.report import Report
+
+REPORTED = ("table1", "table2")  # the experiments that 'nrsfm report' shows by default
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print tables or claims and write the report; exit code 2 when a trial that a table needs is missing or failed.
+
+    Raises
+    ------
+    UsageError
+        If an experiment or override is unknown, or the tracker cannot be reached.
+    """
+    options = command_line().read(argv)
+    from nrsfm.harness.record.outcome import ABSENT, OK
+    from nrsfm.reports.claims import claims
+    from nrsfm.reports.formats.console import console
+    from nrsfm.reports.formats.embed import update_document
+
+    names = [word for word in options.words if "=" not in word] or list(REPORTED)
+    report, settings = gather(names, [word for word in options.words if "=" in word])
+    if options.claims:
+        print(claims.text(report.judged), end="")
+    elif not options.quiet:
+        for table in report.tables:
+            console(table)
+    folder = options.folder or settings.output / "report"
+    report.write(folder)
+    if options.into:
+        update_document(options.into, report.tables)
+    if options.figures:
+        report.draw(folder / "figures")
+    print(report.summary)
+    print(f"Written to {folder}; open {folder / 'index.html'}")
+    runs = [run for group in report.answers.values() for _, run in group]
+    statuses = [run.outcome.status for run in runs if run]
+    missing, absent = runs.count(None), statuses.count(ABSENT)
+    failed = sum(status not in (OK, ABSENT) for status in statuses)
+    if missing:
+        print(f"{missing} trials are not run yet; 'nrsfm run experiment=...' runs them", file=sys.stderr)
+    if absent:
+        print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)
+    if failed:
+        print(f"{failed} trials failed; the cells say why", file=sys.stderr)
+    return 2 if missing or absent or failed else 0
 
 
 def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report, Settings]:
@@ -29,69 +67,42 @@ def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report,
     UsageError
         If an experiment or override is unknown, or the tracker cannot be reached.
     """
-    found: dict[str, Sequence[Answer]] = {}
-    store: Runs | None = None
+    from nrsfm.harness.config.compose import configurations
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.tracking.artifacts import Arrays
+    from nrsfm.harness.tracking.runs import Runs, answers
+    from nrsfm.reports.claims import claims
+    from nrsfm.reports.report import Report
+
+    by_experiment: dict[str, Sequence[Answer]] = {}
+    runs: Runs | None = None
     with configurations():
         for name in names:
-            found[name], settings, store = answers([f"experiment={name}", *overrides], store)
-        assert store is not None
-        evidence = as_configured(store.runs, (*claims.OURS, *claims.BASELINES))
-    return Report(found, Arrays(settings), evidence), settings
-
-
-def main(argv: Sequence[str]) -> int:
-    """Print tables or claims and write the report; exit code 2 when a trial that a table asks for is missing or failed.
-
-    Raises
-    ------
-    UsageError
-        If an experiment or override is unknown, or the tracker cannot be reached.
-    """
-    given = command_line().read(argv)
-    names = [word for word in given.words if "=" not in word] or list(REPORTED)
-    report, settings = gather(names, [word for word in given.words if "=" in word])
-    if given.claims:
-        print(claims.text(report.judged), end="")
-    elif not given.quiet:
-        for table in report.tables:
-            console(table)
-    folder = given.folder or settings.output / "report"
-    report.write(folder)
-    if given.into:
-        update_document(given.into, report.tables)
-    if given.figures:
-        report.draw(folder / "figures")
-    print(report.summary)
-    print(f"Written to {folder}; open {folder / 'index.html'}")
-    asked = [answer for group in report.answers.values() for answer in group]
-    lacking = [trial for trial, run in asked if run is None]
-    ended = [run.outcome.status for _, run in asked if run]
-    absent, failed = ended.count(ABSENT), sum(status not in (OK, ABSENT) for status in ended)
-    if lacking:
-        print(f"{len(lacking)} trials are not run yet; 'nrsfm run experiment=...' runs them", file=sys.stderr)
-    if absent:
-        print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)
-    if failed:
-        print(f"{failed} trials failed; the cells say why", file=sys.stderr)
-    return 2 if lacking or absent or failed else 0
+            request = Request.of([f"experiment={name}", *overrides])
+            by_experiment[name], runs = answers(request, runs)
+        assert runs is not None
+        evidence = as_configured(runs.runs, (*claims.OURS, *claims.BASELINES))
+    return Report(by_experiment, Arrays(request.settings), evidence), request.settings
 
 
 def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Tracked]:
     """Finished runs on the published scenes, on real data, of methods with the settings of ``conf/method``."""
+    from nrsfm.harness.config.jobs import plain_jobs
+    from nrsfm.harness.config.settings import read_plain
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.reports.layouts.layout import scene_words
+
     jobs = plain_jobs([f"method={name}"] for name in methods)
-    wanted = {str(trial.method["name"]): trial.method for trial, _ in map(read_plain, jobs)}
+    settings = {str(trial.method["name"]): trial.method for trial, _ in map(read_plain, jobs)}
     return [
         run
         for run in runs
         if run.outcome.status == OK
         and not run.outcome.stand_in
-        and run.outcome.parameters.get("method") == wanted.get(run.outcome.method)
+        and run.outcome.parameters.get("method") == settings.get(run.outcome.method)
         and not run.outcome.parameters.get("gaps")
         and not scene_words(run.outcome.parameters.get("dataset", {}))
     ]
-
-
-REPORTED = ("table1", "table2")  # the experiments that 'nrsfm report' shows by default
 
 
 def command_line() -> Parser:
@@ -108,7 +119,7 @@ nrsfm report table1 table2 --into README.md --quiet  # renew the tables of a doc
         "exit codes: 0 every cell has its number, 2 a trial is missing or failed, 3 usage",
     )
     parser.add_overrides("words", "TABLE|OVERRIDE", f"; or an experiment by its name ({' '.join(REPORTED)} by default)")
-    parser.offers["words"] = _choices("experiment")
+    parser.offers["words"] = group_choices("experiment")
     parser.add_argument("--folder", type=Path, help="where to write; OUTPUT/report by default")
     parser.add_argument("--claims", action="store_true", help="print the paper's claims in place of the tables")
     parser.add_argument("--figures", action="store_true", help="also draw the figures: svg, pdf and png")

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
-
-from hydra._internal.utils import get_args_parser
+from typing import TYPE_CHECKING
 
 from nrsfm.harness.cli.parser import Parser
-from nrsfm.harness.config.address import is_server, shown
-from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.outcome import OK
-from nrsfm.harness.record.text import printable
-from nrsfm.harness.record.tracked import Tracked
-from nrsfm.harness.sweep.application import call_hydra
-from nrsfm.harness.sweep.conductor import Sweep, conduct
+
+if TYPE_CHECKING:
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.sweep.conductor import Sweep
+
+INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")  # parts that Hydra shows
 
 
 def main(argv: Sequence[str]) -> int:
@@ -31,50 +28,99 @@ def main(argv: Sequence[str]) -> int:
     OSError
         If the output folder cannot be written.
     """
-    options, unknown = get_args_parser().parse_known_args(list(argv))
-    if unknown:
-        raise UsageError(f"{unknown[0]} is no option of 'nrsfm run'; see 'nrsfm run --help'")
-    if options.config_name or options.config_path:
-        raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
-    overrides = list(options.overrides)
-    if options.config_dir:
-        overrides.append(f"hydra.searchpath=[file://{Path(options.config_dir).resolve()}]")
-    if options.hydra_help or options.cfg or options.info or options.shell_completion:
-        with redirect_stdout(StringIO()) as output:
-            code = call_hydra(argv)
-        print(shown(output.getvalue()), end="")
-        return code
-    sweep = conduct(overrides)
+    options = command_line().read(argv)
+    _check(options)
+    if options.hydra_help or options.version or options.cfg or options.info:
+        return _show(options)
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.harness.record.text import printable
+    from nrsfm.harness.tracking.writer import prepare
+    from nrsfm.harness.trial.isolation import start_server
+
+    start_server()  # libraries load while the configurations are composed
+    writer = prepare()
+    from nrsfm.harness.config.spans import Request
+    from nrsfm.harness.sweep.conductor import conduct
+
+    search = [f"hydra.searchpath=[file://{options.config_dir.resolve()}]"] if options.config_dir else []
+    request = Request.of([*options.overrides, *search])
+    if options.run and len(request.trials) > 1:
+        raise UsageError(f"--run is for one trial and the overrides span {len(request.trials)}; leave it out")
+    sweep = conduct(request, writer)
     if sweep.trouble:
         print(f"nrsfm run: {printable(sweep.trouble)}; start it again to run the rest", file=sys.stderr)
     if len(sweep.jobs) > 1 or options.multirun:
-        _print_tables(overrides, sweep)
+        _print_tables(request, sweep)
     _print_summary(sweep)
     complete = sweep.entries.keys() == sweep.jobs.keys() and sweep.counts.keys() <= {OK}
     return 0 if complete and not sweep.tracking_trouble else 2
 
 
-def _print_tables(overrides: Sequence[str], sweep: Sweep) -> None:
+def _check(options: argparse.Namespace) -> None:
+    """Raise UsageError on flags of Hydra that this application has no use for, and on combinations of no meaning."""
+    if options.config_name or options.config_path:
+        raise UsageError("there is one configuration, config.yaml; --config-dir adds files to its groups")
+    if options.experimental_rerun:
+        raise UsageError("--experimental-rerun runs a pickled job; 'nrsfm run ... rerun=all' runs trials again")
+    if options.shell_completion:
+        raise UsageError("'nrsfm completion bash' prints the completion of bash, zsh or fish")
+    if options.config_dir and not options.config_dir.is_dir():
+        raise UsageError(f"--config-dir {options.config_dir}: there is no such folder")
+    if options.run and options.multirun:
+        raise UsageError("--run is for one trial, --multirun for a sweep; give one of them")
+    shown = [flag for flag in ("cfg", "info", "hydra_help", "version") if getattr(options, flag)]
+    if len(shown) > 1:
+        raise UsageError(f"--{shown[0]} and --{shown[1]} show different things; give one of them".replace("_", "-"))
+    if options.package is not None and not options.cfg:
+        raise UsageError("--package is for --cfg; add --cfg job")
+    if options.resolve and not options.cfg:
+        raise UsageError("--resolve is for --cfg; add --cfg job")
+
+
+def _show(options: argparse.Namespace) -> int:
+    """Print what a flag of Hydra shows, without the logins of addresses."""
+    from contextlib import redirect_stdout
+    from io import StringIO
+
+    from nrsfm.harness.config.address import shown
+    from nrsfm.harness.config.compose import hydra_errors
+    from nrsfm.harness.sweep.application import call_hydra
+
+    words = list(options.overrides)
+    for flag in ("cfg", "info", "package", "config_dir"):
+        if (value := getattr(options, flag)) is not None:
+            words += [f"--{flag.replace('_', '-')}", str(value)]
+    words += [f"--{flag.replace('_', '-')}" for flag in ("hydra_help", "version", "resolve") if getattr(options, flag)]
+    with hydra_errors(), redirect_stdout(StringIO()) as output:
+        code = call_hydra(words)
+    print(shown(output.getvalue()), end="")
+    return 3 if code else 0
+
+
+def _print_tables(request: Request, sweep: Sweep) -> None:
     """Print the tables that a sweep has filled."""
+    from nrsfm.harness.record.tracked import Tracked
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.layouts.index import FILLS
     from nrsfm.reports.layouts.sweep_table import span
     from nrsfm.reports.tables.build import build
 
     records = {job.trial.setting: job.record for job in sweep.jobs.values()}
-    trials = [job.trial for job in sweep.jobs.values()]
-    experiments = [word for word in overrides if word.lstrip("+").startswith("experiment=")]
-    name = experiments[-1].partition("=")[2] if experiments else "sweep"
-    others = [word for word in overrides if word not in experiments]
+    name = request.experiment or "sweep"
+    layout = None if request.experiment else span([trial for trial, _ in request.trials])
     for table in FILLS.get(name, (name,)):
-        rows = trials if table == name else [trial for trial, _ in expand([f"experiment={table}", *others])]
-        pairs = ((trial, records.get(trial.setting)) for trial in rows)
+        trials = request.trials if table == name else request.with_experiment(table).trials
+        pairs = ((trial, records.get(trial.setting)) for trial, _ in trials)
         answers = [(trial, Tracked(record, "", "") if record else None) for trial, record in pairs]
-        console(build(table, answers, None if experiments else span(trials)))
+        console(build(table, answers, layout))
 
 
 def _print_summary(sweep: Sweep) -> None:
-    """Print how many trials ran, were done before, failed, or are missing, and what kept them from the tracker."""
+    """Print how many trials ran, were done before, failed or are missing, and what kept them from the tracker."""
+    from nrsfm.harness.config.address import is_server, shown
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.harness.record.text import printable
+
     entries, total = sweep.entries.values(), len(sweep.jobs)
     ran = sum(entry.ran for entry in entries)
     parts = [f"{ran} run" if ran else "nothing to run"]
@@ -94,7 +140,7 @@ def _print_summary(sweep: Sweep) -> None:
 
 
 def command_line() -> Parser:
-    """The parser that prints the help and completes words; Hydra parses the command line itself."""
+    """The parser: every flag of Hydra, those without a use here hidden and refused."""
     parser = Parser(
         "nrsfm run",
         "Run one trial, a sweep, or an experiment. What is done already is not repeated.",
@@ -119,9 +165,13 @@ nrsfm run --cfg job method=edsc  # the configuration, and nothing runs""",
     parser.add_argument("-c", "--cfg", choices=["job", "hydra", "all"], help="show the configuration and run nothing")
     parser.add_argument("-p", "--package", metavar="KEY", help="with --cfg: show this part of it alone")
     parser.add_argument("--resolve", action="store_true", help="with --cfg: put values in the place of ${...}")
-    parts = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
-    text = f"show what Hydra has found of {', '.join(parts)}, and run nothing"
-    parser.add_argument("-i", "--info", choices=parts, metavar="PART", help=text)
+    text = f"show what Hydra found of {', '.join(INFO)}, and run nothing"
+    parser.add_argument("-i", "--info", nargs="?", const="all", choices=INFO, metavar="PART", help=text)
     parser.add_argument("-cd", "--config-dir", type=Path, metavar="FOLDER", help="add the files of a tree like conf/")
+    parser.add_argument("-r", "--run", action="store_true", help="one trial; overrides that span a sweep are refused")
+    parser.add_argument("--version", action="store_true", help="Hydra's version")
     parser.add_argument("--hydra-help", action="store_true", help="Hydra's own help")
+    for flags in (("-cn", "--config-name"), ("-cp", "--config-path"), ("--experimental-rerun",)):
+        parser.add_argument(*flags, help=argparse.SUPPRESS)
+    parser.add_argument("-sc", "--shell-completion", action="store_true", help=argparse.SUPPRESS)
     return parser

@@ -1,14 +1,15 @@
-"""The verb ``solve``: somebody's tracks in, structure and labels out. No tracker, no trial folder."""
+"""The verb ``solve``: reconstruct the tracks of a file. Uses no tracker and no trial folder."""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from nrsfm.harness.cli.parser import Parser, _choices, _path
+from nrsfm.harness.cli.parser import Parser, group_choices, paths
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import AUTO
 
@@ -23,50 +24,54 @@ def main(argv: Sequence[str]) -> int:
     DatasetError
         If the file cannot be used.
     UsageError
-        If the command line cannot be used, or the folder is somebody else's.
+        If the command line cannot be used, or the folder holds other files.
     """
-    given = command_line().read(argv)
-    if odd := [word for word in given.overrides if not word.startswith(ALLOWED)]:
+    options = command_line().read(argv)
+    if odd := [word for word in options.overrides if not word.startswith(ALLOWED)]:
         raise UsageError(f"{odd[0]!r} is no override of method., cameras., limits.memory_gb or threads; see --help")
     try:
-        return _solve(given)
+        return _solve(options)
     except KeyboardInterrupt:
         print("nrsfm solve: interrupted; nothing was written", file=sys.stderr)
         return 130
 
 
-def _solve(given: Any) -> int:
-    from nrsfm.harness.config.compose import compose_config
-    from nrsfm.harness.config.settings import read
+def _solve(options: argparse.Namespace) -> int:
+    from nrsfm.harness.config.settings import settings_of
     from nrsfm.harness.solving.folder import VIEW, check_folder
     from nrsfm.harness.solving.solve import load, solve
     from nrsfm.methods.base import MethodError
 
-    n_bodies = _number(given.bodies)
-    settings = read(compose_config([f"method={given.method}"]))[1]
-    scene = load(given.file)
-    folder = (given.out or settings.output / "solve" / scene.name).expanduser()
+    n_bodies = _number(options.bodies)
+    settings = settings_of([f"method={options.method}"])
+    scene = load(options.file)
+    folder = (options.out or settings.output / "solve" / scene.name).expanduser()
     check_folder(folder)
-    asked = {"method": given.method, "cameras": given.cameras, "rank": given.rank, "overrides": given.overrides}
-    again = f"nrsfm run dataset=tracks dataset.file={given.file} method={given.method}"
+    arguments = {
+        "method": options.method,
+        "cameras": options.cameras,
+        "rank": options.rank,
+        "overrides": options.overrides,
+    }
+    again = f"nrsfm run dataset=tracks dataset.file={options.file} method={options.method}"
     try:
         with _progress(f"{scene.n_points} tracks over {scene.n_frames} frames") as progress:
-            solution = solve(scene, n_bodies, **asked, progress=progress)
+            solution = solve(scene, n_bodies, **arguments, progress=progress)
     except (MethodError, MemoryError) as error:
-        said = str(error) or "there is not enough memory; take fewer tracks, or a method for dense tracks (ours_c)"
-        print(f"nrsfm solve: {' '.join(said.split())}", file=sys.stderr)
+        message = str(error) or "there is not enough memory; take fewer tracks, or a method for dense tracks (ours_c)"
+        print(f"nrsfm solve: {' '.join(message.split())}", file=sys.stderr)
         return 2
     except (UsageError, OSError):
         raise
-    except Exception as error:  # whatever a method makes of the tracks
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:500]
-        print(f"nrsfm solve: {given.method} ended with {said}; '{again}' keeps the traceback", file=sys.stderr)
+    except Exception as error:  # a method may raise anything
+        message = " ".join(f"{type(error).__name__}: {error}".split())[:500]
+        print(f"nrsfm solve: {options.method} ended with {message}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
     print(solution)
     solution.save(folder)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
-    if given.open:
+    if options.open:
         import webbrowser
 
         webbrowser.open((folder / VIEW).resolve().as_uri())
@@ -83,24 +88,24 @@ def _number(word: str | None) -> int | str | None:
 
 
 class _Bar:
-    """A :data:`nrsfm.methods.base.Progress` that a terminal shows."""
+    """A :data:`nrsfm.methods.base.Progress` shown in a terminal."""
 
     def __init__(self, bars: Any, scene: str) -> None:
-        self._bars, self._scene, self._said = bars, scene, ""
+        self._bars, self._scene, self._stage = bars, scene, ""
         self._task = bars.add_task(scene, total=None)
 
     def stage(self, name: str) -> None:
-        self._said = f"{self._scene}: {name}"
-        self._bars.update(self._task, description=self._said, completed=0, total=None)
+        self._stage = f"{self._scene}: {name}"
+        self._bars.update(self._task, description=self._stage, completed=0, total=None)
 
     def __call__(self, iteration: int, iterations: int, residuals: Mapping[str, float]) -> None:
         words = ", ".join(f"{name} {value:.0e}" for name, value in residuals.items())
-        self._bars.update(self._task, completed=iteration, total=iterations, description=f"{self._said}, {words}")
+        self._bars.update(self._task, completed=iteration, total=iterations, description=f"{self._stage}, {words}")
 
 
 @contextmanager
 def _progress(scene: str) -> Iterator[_Bar | None]:
-    """What tells a terminal what is at work and how far it is; elsewhere nothing is said."""
+    """Shows the stage and the iteration in a terminal; None elsewhere."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -135,13 +140,13 @@ result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, n
 
 exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )
-    parser.add_words("file", _path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_words("file", paths, help="tracks: .npz, .mat, .csv or .c3d")
     parser.add_overrides(
         only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
     )
     words = "how many bodies there are, or auto to have them counted, which is seldom right"
     parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
-    parser.add_words("--method", _choices("method"), default="ours", help="any of 'nrsfm list methods' (ours)")
+    parser.add_words("--method", group_choices("method"), default="ours", help="any of 'nrsfm list methods' (ours)")
     parser.add_argument(
         "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
     )

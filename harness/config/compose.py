@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,10 +42,12 @@ Plugins.instance().register(Configurations)
 
 
 def one_line(error: BaseException) -> str:
-    """An error's message on one line."""
+    """The message of an error on one line, without Hydra's search path and its hint on stack traces."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines[:100]) if lines else type(error).__name__
-    return printable(text).replace(" Set the environment variable HYDRA_FULL_ERROR=1 for a complete stack trace.", "")
+    text = printable(" ".join(lines[:100]) if lines else type(error).__name__)
+    if repeated := re.match(r"Multiple values for (\S+)\. To override", text):
+        return f"{repeated[1]} has a choice already; replace it with {repeated[1]}=NAME, without +"
+    return re.sub(r" Config search path:.*| Set the environment variable HYDRA_FULL_ERROR=1 .* stack trace\.", "", text)
 
 
 @contextmanager

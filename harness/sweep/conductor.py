@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
+from multiprocessing.connection import Connection
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request
@@ -23,9 +24,7 @@ from nrsfm.harness.record.text import one_line
 from nrsfm.harness.sweep.follower import Follower
 from nrsfm.harness.sweep.launcher import Launcher
 from nrsfm.harness.sweep.work import Job, Work
-from nrsfm.harness.tracking.writer import prepare
 from nrsfm.harness.trial.identity import identify
-from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
 
@@ -39,8 +38,6 @@ class Sweep:
 
     Parameters
     ----------
-    request : Request
-        What the sweep was asked for.
     settings : Settings
     jobs : mapping of str to Job
         All of its trials, by key.
@@ -52,7 +49,6 @@ class Sweep:
         What kept trials from the tracker, "" for nothing.
     """
 
-    request: Request
     settings: Settings
     jobs: Mapping[str, Job]
     entries: Mapping[str, Entry]
@@ -65,19 +61,22 @@ class Sweep:
         return Counter(entry.status for entry in self.entries.values())
 
 
-def conduct(overrides: Sequence[str]) -> Sweep:
-    """Run every trial of the overrides that is not done.
+def conduct(request: Request, writer: Connection) -> Sweep:
+    """Run every trial of a request that is not done.
+
+    Parameters
+    ----------
+    request : Request
+    writer : Connection
+        The tracker's process, which :func:`nrsfm.harness.tracking.writer.prepare` has started.
 
     Raises
     ------
     UsageError
-        If the overrides or the launcher cannot be used; nothing has run then.
+        If the launcher cannot be used; nothing has run then.
     OSError
         If the output folder cannot be written.
     """
-    start_server()  # libraries load while the configurations are composed
-    writer = prepare()
-    request = Request.of(overrides)
     jobs = _identified(request)
     settings = next(iter(jobs.values())).settings
     launcher = Launcher(request)
@@ -86,7 +85,7 @@ def conduct(overrides: Sequence[str]) -> Sweep:
     done = {key for key, job in jobs.items() if not job.due}
     with _interruptible(), Follower(settings, trials, done, writer) as follower:
         trouble = _run_all(list(jobs.values()), settings, launcher)
-    return Sweep(request, settings, jobs, follower.entries, trouble, follower.trouble)
+    return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 
 
 def _identified(request: Request) -> dict[str, Job]:

@@ -20,7 +20,7 @@ from nrsfm.datasets.body import centre, spread
 from nrsfm.datasets.errors import MissingData
 from nrsfm.datasets.registry import digest, load_scene
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.config.settings import NAME
+from nrsfm.harness.config.schema import NAME
 
 ALIKE = ("tracks", "labels", "structure", "cameras", "visible", "edges")
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.harness.tracking.tracker import Tracker
@@ -53,21 +53,19 @@ class Runs:
         return self._by_key.get(key) or self._by_setting.get(setting)
 
 
-def answers(overrides: Sequence[str], runs: Runs | None = None) -> tuple[list[Answer], Settings, Runs]:
-    """Each trial of the overrides with the run that answers it, or None; the settings; and the runs.
+def answers(request: Request, runs: Runs | None = None) -> tuple[list[Answer], Runs]:
+    """Each trial of a request with the run that answers it, or None; and the runs.
 
     Parameters
     ----------
-    overrides : sequence of str
+    request : Request
     runs : Runs, optional
         By default the tracker's, which are read.
 
     Raises
     ------
     UsageError
-        If the overrides cannot be composed or the tracker cannot be reached.
+        If the tracker cannot be reached.
     """
-    trials = expand(overrides)
-    settings = trials[0][1]
-    runs = runs or Runs.of_tracker(settings)
-    return [(trial, runs.find(identify(trial, own).key, trial.setting)) for trial, own in trials], settings, runs
+    runs = runs or Runs.of_tracker(request.settings)
+    return [(trial, runs.find(identify(trial, own).key, trial.setting)) for trial, own in request.trials], runs

@@ -22,7 +22,7 @@ from nrsfm.datasets.public import catalogue as sources
 from nrsfm.datasets.public import download
 from nrsfm.datasets.public.catalogue import ABSENT, CHANGED, PRESENT, File
 from nrsfm.datasets.real import mocap
-from nrsfm.harness.cli import data as verb
+from nrsfm.harness.cli.main import main
 
 CONTENT = bytes(range(256)) * 1000
 
@@ -336,7 +336,12 @@ Said = tuple[int, str, str]
 
 
 def say(capsys: pytest.CaptureFixture[str], folder: Path, *argv: str) -> Said:
-    code = verb.main(list(argv), folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NRSFM_DATA", str(folder))
+        try:
+            code = main(["data", *argv])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
     out, err = capsys.readouterr()
     assert "Traceback" not in out + err
     return code, out, err

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 from nrsfm.harness.config.settings import Settings
-from nrsfm.harness.config.spans import expand
+from nrsfm.harness.config.spans import Request, expand
 from nrsfm.harness.evaluate.metrics import affinity_between
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.sweep.plan import plan
@@ -67,7 +67,7 @@ def test_rows_of_table4_without_data_are_absent(tmp_path: Path, monkeypatch: pyt
         outcome, _ = execute(trial, settings)
         assert outcome.status == "absent"
         tracker.log(outcome, settings.trials / outcome.key)
-    table = build("table4", answers(["experiment=table4", "dataset.face=1"])[0])
+    table = build("table4", answers(Request.of(["experiment=table4", "dataset.face=1"]))[0])
     assert [row.label for row in table.rows] == ["face1", "face2", "face3", "face4"]
     assert [cell.published for cell in table.rows[0].cells] == ["0.0749", "0.0745"]
     assert all(cell.reason == "absent" for cell in table.rows[0].cells)
