@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -141,7 +142,7 @@ TINY = ("dataset.points=8", "dataset.frames=12", "method=edsc")
 ODD = (*TINY, "~method.clusterer", "method.algorithm=naughty", "method.name=naughty")
 
 
-def records(tmp_path: Path) -> dict[str, dict]:
+def records(tmp_path: Path) -> dict[str, dict[str, Any]]:
     """The records in the trial folders, by key."""
     return {p.parent.name: json.loads(p.read_text()) for p in (tmp_path / "out/trials").glob("*/result.json")}
 

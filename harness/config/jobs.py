@@ -169,7 +169,7 @@ class _Composer:
         """A configuration of its own."""
         cfg = self.compose(job.choices, job.fixed)
         if not all(_is_plain(o, cfg) for o in job.values):
-            return compose("config", overrides=list(job.overrides))
+            return cast(DictConfig, compose("config", overrides=list(job.overrides)))
         for o in job.values:
             OmegaConf.update(cfg, o.key_or_group, o.value())
         return cfg

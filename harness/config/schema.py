@@ -20,9 +20,8 @@ from nrsfm.harness.record.errors import UsageError
 #: Names of sweeps, datasets and methods: they become folders, files and cells.
 NAME = r"(?!\.+$)[A-Za-z0-9._+-]{1,100}"
 
-_NAMED: dict[str, Any] = {"description": "letters, digits and . _ + -"}
-_POSITIVE: dict[str, Any] = {"gt": 0, "allow_inf_nan": False, "description": "a positive number"}
-_COUNT: dict[str, Any] = {"ge": 0, "description": "0, 1, 2, ..."}
+LETTERS = "letters, digits and . _ + -"
+POSITIVE = "a positive number"
 
 _PLACED = ("placement", "upright", "scale", "degrees_per_frame")
 _THINNED = ("take", "range", "stride", "frames", "degrees_per_frame")
@@ -58,9 +57,9 @@ class _Model(BaseModel):
 class Limits(_Model):
     """Limits of a trial and of the sweep."""
 
-    seconds: float = Field(**_POSITIVE)
-    memory_gb: float = Field(**_POSITIVE)
-    sweep_seconds: float | None = Field(**_POSITIVE)
+    seconds: float = Field(gt=0, allow_inf_nan=False, description=POSITIVE)
+    memory_gb: float = Field(gt=0, allow_inf_nan=False, description=POSITIVE)
+    sweep_seconds: float | None = Field(gt=0, allow_inf_nan=False, description=POSITIVE)
 
 
 class Noise(_Model):
@@ -69,7 +68,7 @@ class Noise(_Model):
     level: float = Field(
         ge=0, allow_inf_nan=False, description="a number >= 0 (a share of the largest image coordinate)"
     )
-    repeat: int = Field(**_COUNT)
+    repeat: int = Field(ge=0, description="0, 1, 2, ...")
 
 
 class Gaps(_Model):
@@ -100,7 +99,7 @@ class Dataset(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True)
     source: Any = None
-    name: Name | None = Field(None, **_NAMED)
+    name: Name | None = Field(None, description=LETTERS)
     placement: str | Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)] = Field(
         "paper", description="paper, intersecting, or three numbers [x,y,z]"
     )
@@ -110,7 +109,7 @@ class Method(BaseModel):
     """The method's name; its class checks the rest."""
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True)
-    name: Name = Field(**_NAMED)
+    name: Name = Field(description=LETTERS)
 
 
 class Configuration(BaseModel):
@@ -128,11 +127,13 @@ class Configuration(BaseModel):
     missing: Missing = Field(description=f"one of {', '.join(WORDS['missing'])}")
     rerun: Rerun = Field(description=f"one of {', '.join(WORDS['rerun'])}")
     threads: int = Field(ge=1, description="1, 2, ...")
-    retries: int = Field(**_COUNT)
+    retries: int = Field(ge=0, description="0, 1, 2, ...")
     workers: int | None = Field(ge=1, description="1, 2, ..., or null")
     limits: Limits
     tracking: Tracking
-    sweep: Annotated[Name | None, BeforeValidator(lambda name: str(name) if name else None)] = Field(**_NAMED)
+    sweep: Annotated[Name | None, BeforeValidator(lambda name: str(name) if name else None)] = Field(
+        description=LETTERS
+    )
     output: Any
     data: Any
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -49,7 +49,7 @@ def sweep(
     tmp_path: Path,
     naughty_package: Path,  # noqa: F811
     monkeypatch: pytest.MonkeyPatch,
-) -> list[tuple[Trial, Settings]]:
+) -> Sequence[tuple[Trial, Settings]]:
     monkeypatch.syspath_prepend(naughty_package)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(naughty_package), str(ROOT / "src")]))
     monkeypatch.setenv("NRSFM_OUTPUT", str(tmp_path / "out"))

@@ -93,7 +93,7 @@ def test_a_file_that_inflates_a_thousandfold(nrsfm: Shell, tmp_path: Path, suffi
 def test_pickled_objects_are_not_loaded(nrsfm: Shell, tmp_path: Path) -> None:
     class Mark:
         def __reduce__(self) -> tuple[object, tuple[str]]:
-            return Path.touch, (str(tmp_path / "executed"),)  # type: ignore[return-value]
+            return Path.touch, (str(tmp_path / "executed"),)
 
     np.savez(tmp_path / "a.npz", tracks=np.array([Mark()], dtype=object))
     done = nrsfm("solve", str(tmp_path / "a.npz"), "--bodies", "2")
