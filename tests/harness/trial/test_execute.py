@@ -12,16 +12,20 @@ import scipy.io
 from omegaconf import OmegaConf
 
 from nrsfm.datasets.real.hopkins import SCENES
+from nrsfm.datasets.registry import load_scene
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.config.jobs import compose_jobs, plain_jobs, resolved
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand, spanned
+from nrsfm.harness.evaluate import reconstruct
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.trial import Trial, digest
 from nrsfm.harness.trial import worker
 from nrsfm.harness.trial.execute import execute, identify
+from nrsfm.methods.base import MethodError
+from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.pipelines import ClusterTracks
 
 
