@@ -12,10 +12,12 @@ import scipy.io
 from omegaconf import OmegaConf
 
 from nrsfm.datasets.real.hopkins import SCENES
+from nrsfm.datasets.registry import load_scene
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.config.jobs import compose_jobs, plain_jobs, resolved
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import expand, spanned
+from nrsfm.harness.evaluate import reconstruct
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
@@ -295,10 +297,12 @@ def test_a_method_that_does_not_handle_gaps_is_never_given_any(
     settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["dataset.points=12", "dataset.frames=24", "method=edsc"]
+    scene = load_scene(expand(words)[0][0].dataset, settings.data)
     monkeypatch.setattr(ClusterTracks, "handles_gaps", False)
-    whole, gappy = (execute(expand([*words, *more])[0][0], settings)[0] for more in ([], ["gaps=random"]))
-    assert whole.status == "ok"
-    assert gappy.status == "failed" and "ClusterTracks cannot work with gaps" in gappy.error
+    known = {"source": "known"}
+    assert reconstruct.reconstruct(scene, ClusterTracks(EDSC()), 2, known).labels is not None
+    with pytest.raises(MethodError, match="ClusterTracks cannot work with gaps"):
+        reconstruct.reconstruct(scene.with_gaps("random", 0.1), ClusterTracks(EDSC()), 2, known)
 
 
 @pytest.mark.parametrize("bodies", [["person", "face"], ["person"]])
