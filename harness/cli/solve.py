@@ -47,7 +47,12 @@ def _solve(options: argparse.Namespace) -> int:
     scene = load(options.file)
     folder = (options.out or settings.output / "solve" / scene.name).expanduser()
     check_folder(folder)
-    arguments = {"method": options.method, "cameras": options.cameras, "rank": options.rank, "overrides": options.overrides}
+    arguments = {
+        "method": options.method,
+        "cameras": options.cameras,
+        "rank": options.rank,
+        "overrides": options.overrides,
+    }
     again = f"nrsfm run dataset=tracks dataset.file={options.file} method={options.method}"
     try:
         with _progress(f"{scene.n_points} tracks over {scene.n_frames} frames") as progress:

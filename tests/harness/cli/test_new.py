@@ -24,7 +24,9 @@ def checkout(tmp_path: Path) -> Path:
         target = root / part
         target.parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / part).is_dir():
-            shutil.copytree(ROOT / part, target, symlinks=True, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+            shutil.copytree(
+                ROOT / part, target, symlinks=True, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+            )
         else:
             shutil.copy(ROOT / part, target)
     for part in ("methods", "datasets"):
@@ -36,7 +38,11 @@ def checkout(tmp_path: Path) -> Path:
 def run(root: Path, *words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
         [sys.executable, "-m", *words],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)]), "NRSFM_OUTPUT": str(root.parent / "out")},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)]),
+            "NRSFM_OUTPUT": str(root.parent / "out"),
+        },
         cwd=cwd or root,
         capture_output=True,
         text=True,
