@@ -13,8 +13,6 @@ from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 from nrsfm.datasets.scene import Scene
 
 PLACEMENTS = {"paper": (0.0, 4.0, 0.0), "intersecting": (0.0, 0.0, 0.0)}
-
-
 SCALES = ("sequence", "cut", "stored")
 
 

@@ -26,10 +26,7 @@ from nrsfm.datasets.real import garg, hopkins, mocap, mocap_body, take, tracks, 
 from nrsfm.datasets.scene import Scene
 
 T = TypeVar("T", Scene, str)
-
-
 Settings = Mapping[str, Any]
-
 
 SOURCES: Mapping[str, ModuleType] = {
     "mocap": mocap,

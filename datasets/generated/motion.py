@@ -8,11 +8,7 @@ from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError, check_whole
 
 VERSION = "v1"
-
-
 FRAMES_PER_SECOND, SHORTEST_SECONDS = 30.0, 4.0
-
-
 LARGEST = 10**8  # points times frames of one body: 2.4 GB
 
 

@@ -16,10 +16,7 @@ from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated.motion import VERSION, check_settings, rotations, signals
 
 N_SIGNALS = 5
-
-
 Limb = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
-
 
 # Joint, parent, offset from it, radius of the limb at both ends and the share by which it is wider than deep.
 _TRUNK: tuple[Limb, ...] = (
@@ -31,7 +28,6 @@ _TRUNK: tuple[Limb, ...] = (
     ("crown", "head", (0.0, 0.0, 0.13), (0.10, 0.05, -0.2)),
 )
 
-
 _SIDE: tuple[Limb, ...] = (
     ("shoulder", "chest", (0.0, 0.18, 0.14), (0.07, 0.06, 0.0)),
     ("elbow", "shoulder", (0.0, 0.03, -0.29), (0.055, 0.04, 0.0)),
@@ -42,7 +38,6 @@ _SIDE: tuple[Limb, ...] = (
     ("ankle", "knee", (-0.02, 0.0, -0.41), (0.055, 0.035, 0.0)),
     ("toe", "ankle", (0.17, 0.02, -0.06), (0.04, 0.03, 0.3)),
 )
-
 
 # Joint, axis, degrees at rest, degrees of swing, signal. Turns are positive forward about y and leftward about z;
 # about x they lift a limb away from the body. A joint of both sides moves on both, in turn where `~` stands before it.

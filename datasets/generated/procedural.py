@@ -22,8 +22,6 @@ from nrsfm.datasets.generated.surfaces import SURFACES
 from nrsfm.datasets.scene import Scene
 
 KINDS = ("person", *SURFACES)
-
-
 FACES = ("face", "shark")  # sequences whose stand-in is a surface
 
 

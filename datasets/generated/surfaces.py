@@ -28,7 +28,6 @@ _RELIEF = (
     (0.006, 0.58, -0.08, 0.26, 0.26),  # cheeks
 )
 
-
 # Expression, its shift in metres ahead, outward and up, and where, as above.
 _EXPRESSIONS = (
     ("smile", -0.006, 0.012, 0.010, 0.38, -0.45, 0.25, 0.16),

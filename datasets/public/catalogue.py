@@ -66,12 +66,9 @@ def listed(group: str, url: str, terms: str, source: str, table: str) -> list[Fi
 
 
 _GITHUB = "https://raw.githubusercontent.com"
-
-
 _TRAJECTORY_SPACE = (
     f"{_GITHUB}/summmanpan/NRSfM_Consensus/edefe657241c603bd26d574d1f11fce8838c632b/data_set/without_rot"
 )
-
 
 #: The lines ``size sha256`` of ``hopkins155.txt`` by the scene's name.
 HOPKINS: Mapping[str, str] = {
@@ -82,9 +79,7 @@ HOPKINS: Mapping[str, str] = {
     )
 }
 
-
 _CMU = ("none stated; motion from the CMU database, free to use", "Akhter et al., PAMI 2011; mocap.cs.cmu.edu")
-
 
 CATALOGUE: Mapping[str, File] = {
     file.path: file
@@ -144,11 +139,8 @@ CATALOGUE: Mapping[str, File] = {
     ]
 }
 
-
 #: Groups that are fetched only when they are named; the paper's tables need the others.
 ON_REQUEST = frozenset({"hopkins155", "c3d"})
-
-
 State = tuple[File, str]
 
 

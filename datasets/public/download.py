@@ -12,8 +12,6 @@ from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public.catalogue import PRESENT, File, verify
 
 CONNECT_SECONDS, READ_SECONDS, RETRIES, CHUNK = 4.0, 30.0, 1, 1 << 16
-
-
 Progress = Callable[[File, int], None]  # called with the file and the number of its bytes that have come
 
 

@@ -23,14 +23,8 @@ from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.readers.guarded import Damaged, read_guarded
 
 LARGEST = 20_000_000  # positions in one file
-
-
 BLOCK = 512
-
-
 INTEL, DEC = 84, 85
-
-
 BYTES_A_POSITION = 512  # of memory
 
 

@@ -34,19 +34,10 @@ if TYPE_CHECKING:
     import pandas as pd  # takes 0.3 s, which a wide file need not
 
 LINE = 1 << 24  # characters of one line
-
-
 CHUNK = 1 << 18  # cells that are text at the same time
-
-
 SPARSE = 100  # of so many positions one must be observed, where there are many
-
-
 NEEDED, KNOWN = ("frame", "track", "x", "y"), ("label", "visible")
-
-
 VISIBLE = {"1": True, "true": True, "0": False, "false": False}
-
 
 HEADERS = (
     "wanted the header frame,track,x,y[,label][,visible] with a line for each observation, or x_A,y_A,x_B,y_B,... or "

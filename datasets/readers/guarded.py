@@ -22,8 +22,6 @@ from nrsfm.datasets.readers.guarded_child import Unwanted
 from nrsfm.datasets.readers.npzfile import read_npz
 
 SECONDS, SECONDS_PER_MB = 5, 1  # of processor time; reading takes a twentieth of it
-
-
 BASE_BYTES = 2**30  # of memory, for the process without the file
 
 

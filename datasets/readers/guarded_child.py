@@ -20,8 +20,6 @@ from typing import Any
 from nrsfm.datasets.readers.limits import claim
 
 NUMERIC = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {"double", "single", "logical"}
-
-
 HDF5_FILTERS = {1, 2, 3}  # deflate, shuffle, checksum: those of MATLAB and h5py; others are code to load
 
 

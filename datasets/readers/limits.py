@@ -5,14 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 HUGE = 1e100  # no coordinate is as large; squares of larger ones are infinite
-
-
 LARGEST = 2**31  # bytes of all arrays that are read from one file
-
-
 SMALL = 2**26  # bytes that the arrays of any file may take
-
-
 RATIO = 100  # bytes of memory for each byte of the file; compressed tracks take a tenth of their size
 
 

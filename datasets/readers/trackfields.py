@@ -24,13 +24,8 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "labels": ("labels", "s"),
 }
 
-
 MOST = 20_000_000  # positions of a file
-
-
 LONGEST = 1_000_000  # frames, and tracks
-
-
 SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for each frame; NaN is not observed"
 
 

@@ -20,8 +20,6 @@ from nrsfm.datasets.real.neighbours import even_choice, nearest_edges, on_pixels
 from nrsfm.datasets.scene import Scene
 
 FIELDS = {"tracks": "W", "structure": "S"}
-
-
 FIT = 0.02  # largest share of the tracks that the true structure may leave unexplained
 
 

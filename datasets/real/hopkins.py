@@ -18,12 +18,8 @@ from nrsfm.datasets.scene import Scene
 
 #: Names of the 155 scenes; the archive also holds ``dancing``, which is not one of them.
 SCENES: tuple[str, ...] = tuple(HOPKINS)
-
-
 #: Names of the 35 scenes of three motions, of which the archive also holds each two (``_g12``, ``_g13``, ``_g23``).
 THREE_MOTIONS: tuple[str, ...] = tuple(name for name in SCENES if f"{name}_g12" in SCENES)
-
-
 TWO_MOTIONS: tuple[str, ...] = tuple(name for name in SCENES if name not in THREE_MOTIONS)
 
 

@@ -65,10 +65,7 @@ SEQUENCES: Mapping[str, Recording] = {
     "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered="cameras", camera="xy"),
 }
 
-
 SHARK_CAMERAS = "jaws_cameras.mat"
-
-
 MOTIONS = ("registered", "native")
 
 

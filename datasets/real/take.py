@@ -21,16 +21,9 @@ from nrsfm.datasets.real.thinning import Thinning
 from nrsfm.datasets.scene import Scene
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-
-
 OTHERS = ("none", "objects", "all")
-
-
 PERSON = 15  # markers at least: the virtual markers of one person; balls, tables and chairs have fewer
-
-
 UNLABELLED = "unlabelled"
-
 
 HINTS = {
     "umpm": "ask for a login at umpm-mirror.cs.uu.nl and unpack {take}.zip into that folder",

@@ -22,23 +22,11 @@ from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.scene import Scene
 
 READERS: dict[str, Callable[[Path], TrackFile]] = {".npz": read_fields, ".mat": read_fields, ".csv": read_csv}
-
-
 SUFFIXES = (*READERS, ".c3d")
-
-
 LARGEST = 2**32  # bytes of a file
-
-
 ROUND_OFF = 1e-4  # by which camera rows of a file may fail to be orthonormal
-
-
 UNEXPLAINED = 0.5  # share of the tracks that the true structure may leave unexplained
-
-
 ROUNDS = 100
-
-
 C3D = "markers in 3D, at most 400 frames of them, before an orthographic camera that circles at 5 degrees a frame"
 
 

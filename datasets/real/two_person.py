@@ -24,10 +24,7 @@ from nrsfm.datasets.real.thinning import Thinning
 from nrsfm.datasets.scene import Scene
 
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
-
-
 FIRST = 3
-
 
 HINT = (
     "it is no public file: a take of CMU subjects 60 and 61 (mocap.cs.cmu.edu), its joints as arrays 'lead60', "

@@ -71,6 +71,8 @@ def _check(options: argparse.Namespace) -> None:
     shown = [flag for flag in ("cfg", "info", "hydra_help", "version") if getattr(options, flag)]
     if len(shown) > 1:
         raise UsageError(f"--{shown[0]} and --{shown[1]} show different things; give one of them".replace("_", "-"))
+    if options.multirun and (options.cfg or options.info):
+        raise UsageError("--multirun spans several configurations, --cfg and --info show one; leave one of them out")
     if options.package is not None and not options.cfg:
         raise UsageError("--package is for --cfg; add --cfg job")
     if options.resolve and not options.cfg:
@@ -86,7 +88,7 @@ def _show(options: argparse.Namespace) -> int:
     from nrsfm.harness.config.compose import hydra_errors
     from nrsfm.harness.sweep.application import call_hydra
 
-    words = list(options.overrides)
+    words = [] if options.hydra_help else list(options.overrides)
     for flag in ("cfg", "info", "package", "config_dir"):
         if (value := getattr(options, flag)) is not None:
             words += [f"--{flag.replace('_', '-')}", str(value)]

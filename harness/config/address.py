@@ -9,17 +9,9 @@ from urllib.parse import unquote
 from nrsfm.harness.record.errors import UsageError
 
 USER, PASSWORD = "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"  # as MLflow reads them
-
-
 SECRETS = (USER, PASSWORD, "MLFLOW_TRACKING_TOKEN", "MLFLOW_TRACKING_URI")
-
-
 _SERVER = re.compile(r"https?://[^/\s]+")
-
-
 _VARIABLE = r"\$\{oc\.env:\w+(,null)?\}"
-
-
 _UNTOLD = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):{_VARIABLE}@[^@]*")  # how a login may be written
 
 

@@ -31,11 +31,7 @@ from nrsfm.harness.tracking.tracker import Tracker
 from nrsfm.harness.trial.execute import execute
 
 GB = 2**30
-
-
 SCARCE_GB = 2  # of the disk: a sweep of a paper's table with its report takes less
-
-
 PATIENCE = 3.0  # seconds in which a server must take a connection
 
 

@@ -10,10 +10,7 @@ from importlib import metadata
 from packaging.requirements import InvalidRequirement, Requirement
 
 OK, NOTE, PROBLEM = "ok", "note", "problem"
-
-
 PROJECT = "nrsfm"
-
 
 #: What each extra is for; those of the project's own development are left out.
 EXTRAS = {

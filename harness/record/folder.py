@@ -27,8 +27,6 @@ RESULT, ARRAYS, TRACEBACK, LOG = "result.json", "arrays.npz", "traceback.txt", "
 LARGEST_RECORD = 4 << 20  # bytes
 
 MOST_LABELS = 1000
-
-
 #: Shapes of a trial's arrays by letter: F frames, P tracks, digits for themselves, other letters for any size.
 SHAPES = {"tracks": "F2P", "structure": "F3P", "true_structure": "F3P", "cameras": "F23", "visible": "FP"}
 SHAPES |= {"labels": "P", "true_labels": "P", "edges": "E2", "alignment": "33", "affinity": "PP"}

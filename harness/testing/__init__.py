@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 
 __all__ = ["Check", "check_dataset", "check_method", "parametrize_with_checks"]
-
-
 Check = Callable[[], None]
 
 

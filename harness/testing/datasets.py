@@ -24,7 +24,6 @@ from nrsfm.harness.config.schema import NAME
 
 ALIKE = ("tracks", "labels", "structure", "cameras", "visible", "edges")
 
-
 DIGEST = """
 import json, sys
 from pathlib import Path

@@ -19,12 +19,8 @@ from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconst
 
 #: Largest mean of a frame of the structure, relative to the structure's size.
 CENTRED = 1e-4
-
-
 #: Largest difference of two runs on the same input, relative to the structure's size.
 SAME = 1e-8
-
-
 #: The same for tracks in another order: sums round differently, so a solver may stop elsewhere.
 CLOSE = 1e-3
 

@@ -39,11 +39,7 @@ from nrsfm.methods.numerics.cameras import axes
 from nrsfm.methods.numerics.linear import conjugate_gradients
 
 ENTRIES = 400  # of E per track, assumed by implicit_bytes
-
-
 BLOCK_BYTES = 4 << 20  # of a block of Z, so that it stays in the cache
-
-
 GAP_ROWS = 1000  # the most rows of C, evenly spaced, that the code's residual is taken over
 
 

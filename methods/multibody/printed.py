@@ -41,11 +41,7 @@ from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
 from nrsfm.methods.structure.bmm import complete_by_shape
 
 FORMS = ("auto", "dense", "implicit")
-
-
 CUTS = ("means", "cheapest")
-
-
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 

@@ -17,8 +17,6 @@ from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 #: (P, P): an array, or its sparse and low-rank form in :mod:`nrsfm.methods.multibody.implicit`.
 Square = Any
-
-
 Gaps = Mapping[str, Array]
 
 

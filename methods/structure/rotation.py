@@ -16,12 +16,8 @@ from nrsfm.methods.numerics.admm import balancing_factor
 
 #: Weights of the metric constraints to start from: low ones suit noisy tracks, high ones an exact subspace.
 WEIGHTS = (1e0, 1e1, 1e3)
-
-
 #: Number of shapes K by default.
 RANK = 11
-
-
 #: Where the metric upgrade starts from: the trace-norm program, or the metric upgrade of a rigid scene.
 STARTS = ("trace_norm", "rigid")
 

@@ -19,24 +19,12 @@ from nrsfm.reports.layouts.labels import LABELS
 
 OURS = ("ours", "ours_printed")
 """The methods that are judged: the default, and the formulation as the paper prints it."""
-
-
 BASELINES = ("ssc2d", "edsc", "bmm_ssc3d")
-
-
 PAIRS = published.datasets("table1")
-
-
 NOISY = tuple(pair for pair in PAIRS if pair != "drink_walking")
 """The seven pairs of the paper's noise experiment."""
-
-
 LEVELS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05)
-
-
 DENSE = published.datasets("table4")
-
-
 Rule = Callable[[Evidence, str], Iterable[Case]]
 
 

@@ -13,11 +13,7 @@ from nrsfm.harness.record.tracked import Fetch, Tracked
 from nrsfm.reports.layouts import published
 
 HELD, NOT_HELD, NOT_TESTED = "held", "not held", "not tested"
-
-
 SYMBOLS = {HELD: "✓", NOT_HELD: "✗", NOT_TESTED: "○"}
-
-
 UMPM = published.datasets("table3")
 
 

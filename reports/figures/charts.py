@@ -20,14 +20,8 @@ from nrsfm.reports.layouts.index import layout
 from nrsfm.reports.layouts.labels import method_label
 
 T = TypeVar("T")
-
-
 K = TypeVar("K")
-
-
 Runs = Sequence[Tracked]
-
-
 Build = Callable[[Runs, Fetch], Iterable[Panel]]
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 #: Okabe and Ito's colours.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-
-
 GREY, WRONG = "#8a8f95", "#000000"
 
 
@@ -23,11 +21,7 @@ class Look:
 
 
 _MARKERS = ("o circle", "s square", "^ triangle-up", "D diamond", "v triangle-down", "X x")
-
-
 _LINES = ("- solid", "-- dash", ": dot")
-
-
 _ORDER = (0, 1, 2, 4, 3, 5)  # without yellow, which is hard to see on white
 
 

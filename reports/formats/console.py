@@ -12,8 +12,6 @@ from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.model import LEGEND, Cell, Table, Verdict
 
 WIDTH = 120
-
-
 STYLES = {Verdict.REPRODUCED: "green", Verdict.BETTER: "cyan", Verdict.WORSE: "red", Verdict.STAND_IN: "magenta"}
 
 

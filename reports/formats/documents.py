@@ -177,10 +177,7 @@ def _environment(**syntax: Any) -> Environment:
 
 
 _HTML = _environment(autoescape=True)
-
-
 _MARKDOWN = _environment(finalize=text.escape_md)
-
 
 _TEX = _environment(
     finalize=text.escape_tex,

@@ -47,7 +47,6 @@ class Source:
 
 _BOTH = MappingProxyType({"e_3d": "e_3d", "e_ms": "e_ms"})
 
-
 SOURCES: Mapping[str, Source] = MappingProxyType(
     {
         "table1": Source("table1_segmentation.csv", metric="metric", value="printed", points="points"),

@@ -34,10 +34,8 @@ FROM_TABLE2 = (
     pooled(E_MS, "tracks off", title="e_MS, tracks off"),
 )
 
-
 #: Settings of the block matrix method's rotation step as published.
 ROTATION = {"cameras.rank": SameAs("dataset.rank"), "cameras.start": "trace_norm", "cameras.refine": True}
-
 
 #: A column of ours for each setting of the search.
 SETTINGS = tuple(
@@ -45,7 +43,6 @@ SETTINGS = tuple(
     for l1 in ([0.1, 0.3], [0.1, 0.1], [0.3, 0.3])
     for whitening in ([0.7, 0.5], [0.5, 0.5], [0.7, 0.7])
 )
-
 
 STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
     {

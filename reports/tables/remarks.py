@@ -19,7 +19,6 @@ from nrsfm.reports.tables.model import Column, Note, Row
 NOT_SETTINGS = ("name", "bodies", "scene", "file", "placement", "motion", "repeat", "level", "source")
 """Keys of a configuration that are printed elsewhere in the table, or only locate data."""
 
-
 STAND_IN = (
     "Rows marked (stand-in): procedural stand-in: the real sequence was not found. They are measured on generated "
     "data, get no verdict and say nothing about the published numbers beside them."

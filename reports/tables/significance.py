@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 from nrsfm.reports.tables.model import Column, Paired, Row, Setting
 
 OURS = "ours"
-
-
 FEWEST = 5
 """With fewer rows no outcome could be significant."""
-
-
 EXACT = 12
 """Up to so many rows the p-value is exact: every assignment of signs is counted, ties and zeros too."""
 

@@ -337,7 +337,7 @@ Said = tuple[int, str, str]
 
 def say(capsys: pytest.CaptureFixture[str], folder: Path, *argv: str) -> Said:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("NRSFM_DATA", str(folder))
+        patch.setattr("nrsfm.harness.config.compose.data_folder", lambda: folder)
         try:
             code = main(["data", *argv])
         except SystemExit as stop:

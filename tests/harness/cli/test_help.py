@@ -22,9 +22,9 @@ EXAMPLES = [(verb, line) for verb in VERBS for line in module(verb).command_line
 
 
 def commands(line: str) -> list[list[str]]:
-    """The words of each harness command in a line of shell."""
+    """The words of each nrsfm command in a line of shell."""
     code = line.partition("  # ")[0]
-    return [shlex.split(found) for found in re.findall(r"nrsfm ((?:'[^']*'|[^|>)'])*)", code)]
+    return [shlex.split(found) for found in re.findall(r"(?<![\w/])nrsfm ((?:'[^']*'|[^|>)'])*)", code)]
 
 
 def parsers(parser: Parser) -> list[Parser]:

@@ -25,6 +25,8 @@ from nrsfm.harness.record.trial import Trial, digest
 from nrsfm.harness.trial import worker
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.identity import identify
+from nrsfm.methods.base import MethodError
+from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.pipelines import ClusterTracks
 
 
