@@ -27,24 +27,13 @@ Build = Callable[[Runs, Fetch], Iterable[Panel]]
 
 @dataclass(frozen=True)
 class ChartEntry:
-    """A chart and the experiments that fill it.
+    """A chart and the experiments that fill it."""
 
-    Parameters
-    ----------
-    name : str
-        The stem of its files is the experiment's name and this.
-    title, caption : str
-    experiments : tuple of str
-        Names or patterns, such as ``noise*``.
-    build : callable
-        Finished runs and their arrays -> panels; none where the runs lack what the chart shows.
-    """
-
-    name: str
+    name: str  #: the stem of its files is the experiment's name and this
     title: str
     caption: str
-    experiments: tuple[str, ...]
-    build: Build
+    experiments: tuple[str, ...]  #: names or patterns, such as ``noise*``
+    build: Build  #: finished runs and their arrays -> panels; none where the runs lack what the chart shows
 
 
 def build_charts(answers_by_table: Mapping[str, Sequence[Answer]], fetch: Fetch) -> list[Chart]:

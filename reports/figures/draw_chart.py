@@ -16,12 +16,7 @@ ACROSS = 4
 
 
 def chart_figure(chart: Chart) -> Figure:
-    """A figure with all panels of a chart and one legend below them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """A figure with all panels of a chart and one legend below them."""
     n = len(chart.panels)
     across = min(ACROSS, n)
     down = -(-n // across)
@@ -54,19 +49,15 @@ def _panel(axes: Axes, panel: Panel) -> None:
         return
     for series in panel.series:
         style = look(series.place)
-        x, y = np.array(series.x), np.array(series.y)
+        x, y, spread = map(np.array, (series.x, series.y, series.spread))
         marker = style.marker if series.scatter or len(x) < 30 else ""
         line = "" if series.scatter else style.line
         axes.plot(
             x, y, color=style.colour, marker=marker, linestyle=line, markersize=4.5, linewidth=1.4, label=series.label
         )
         if series.spread:
-            spread = np.array(series.spread)
             axes.fill_between(x, np.maximum(y - spread, 0), y + spread, color=style.colour, alpha=0.18, linewidth=0)
-    if panel.log_x:
-        axes.set_xscale("log")
-    if panel.log_y:
-        axes.set_yscale("log")
-    elif panel.series:
+    axes.set(xscale="log" if panel.log_x else "linear", yscale="log" if panel.log_y else "linear")
+    if panel.series and not panel.log_y:
         axes.set_ylim(bottom=0)
     axes.grid(color="#dddddd", linewidth=0.6)

@@ -31,13 +31,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     arrays : mapping
         The contents of a trial's ``arrays.npz``: ``tracks`` (F, 2, P), and where the method gave them
         ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P), which may be sparse.
-    outcome : Outcome
     frame : int, optional
         The frame drawn; the middle one by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     tracks = arrays["tracks"]
     some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))
@@ -46,11 +41,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     labels = matched(arrays["labels"], truth) if "labels" in arrays else None
     panels = ["tracks", *(name for name in ("structure", "affinity") if name in arrays)]
     figure = Figure(figsize=(4.4 * len(panels), 4.3), layout="constrained")
-    row = [
-        figure.add_subplot(1, len(panels), k + 1, projection="3d" if name == "structure" else None)
-        for k, name in enumerate(panels)
-    ]
-    for axes, name in zip(row, panels, strict=True):
+    for k, name in enumerate(panels, start=1):
+        axes: Any = figure.add_subplot(1, len(panels), k, projection="3d" if name == "structure" else None)
         if name == "tracks":
             _tracks(axes, tracks[:, :, some], frame)
         elif name == "structure":
@@ -59,7 +51,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
             _structure(axes, shapes, frame, *(None if x is None else x[some] for x in (labels, truth)))
         else:
             _affinity(axes, arrays["affinity"], truth)
-    figure.suptitle(_title(outcome), fontsize=11)
+    words = [outcome.dataset.replace("_", " + "), outcome.method, *["procedural stand-in"] * outcome.stand_in]
+    figure.suptitle(", ".join([*words, *brief(outcome.metrics, outcome.n_points)]), fontsize=11)
     return figure
 
 
@@ -69,13 +62,6 @@ def save(figure: Figure, path: Path) -> None:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix[1:])
     with matplotlib.rc_context({"svg.hashsalt": "nrsfm"}):  # element names are random without it
         figure.savefig(path, dpi=150, metadata=metadata)
-
-
-def _title(outcome: Outcome) -> str:
-    words = [outcome.dataset.replace("_", " + "), outcome.method]
-    if outcome.stand_in:
-        words.append("procedural stand-in")
-    return ", ".join([*words, *brief(outcome.metrics, outcome.n_points)])
 
 
 def _area(points: NDArray[Any]) -> float:

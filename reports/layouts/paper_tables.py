@@ -100,13 +100,7 @@ PAPER_TABLES: Mapping[str, Layout] = MappingProxyType(
             title="Intersecting bodies",
             caption="Motion segmentation of the eight pairs with both bodies in one place. The paper prints no "
             "numbers.",
-            methods=(
-                Method("ssc2d"),
-                Method("ssc2d_share70"),
-                Method("edsc"),
-                Method("ours"),
-                Method("ours_printed"),
-            ),
+            methods=(Method("ssc2d"), Method("ssc2d_share70"), Method("edsc"), Method("ours"), Method("ours_printed")),
             metrics=(E_MS,),
             notes=(SHARE, ADAPTIVE),
         ),

@@ -40,8 +40,8 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     Returns
     -------
     Table
-        The paper's rows in its order, whether they have trials or not, then the others. Methods that the layout does
-        not have get columns on the right.
+        The paper's rows in its order, with trials or without, then the others. Methods that the layout does not have
+        get columns on the right.
 
     Raises
     ------

@@ -37,19 +37,7 @@ class Grid:
 
 
 def grid(answers: Sequence[Answer], design: Layout) -> Grid:
-    """Sort answers into the rows of a table and its methods.
-
-    Parameters
-    ----------
-    answers : sequence of (Trial, Tracked or None)
-        Trials, and the run that answers each.
-    design : Layout
-        All of its rows appear before any other, whether they have trials or not.
-
-    Returns
-    -------
-    Grid
-    """
+    """Sort answers into the rows of a table and its methods; the layout's rows come first, with trials or without."""
     places = [_place(trial, design) for trial, _ in answers]
     real, generated = _kinds(answers, places)
     found: dict[RowKey, dict[str, list[Answer]]] = {}
