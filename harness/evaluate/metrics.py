@@ -189,10 +189,6 @@ def _wrong(estimate: Estimate) -> int:
     return n_wrong(estimate.labels, estimate.true_labels)
 
 
-def _between(estimate: Estimate) -> float:
-    return affinity_between(needed(estimate.found.affinity), estimate.true_labels)
-
-
 def _clusters(estimate: Estimate) -> int:
     return len(np.unique(estimate.labels))
 
@@ -303,7 +299,7 @@ METRICS = (
     ),
     Metric(
         "affinity_between",
-        _between,
+        lambda e: affinity_between(needed(e.found.affinity), e.true_labels),
         "the share of the affinity that joins tracks of different bodies: 0 where it is block-diagonal",
         unit="share",
         absent="method gives no affinity",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from nrsfm.reports.figures.chart import Chart, Panel
 from nrsfm.reports.figures.style import COLOURS, look
@@ -42,10 +44,7 @@ def _panel(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y, fontsize=9)
     axes.tick_params(labelsize=8)
     if panel.matrix is not None:
-        axes.imshow(panel.matrix, cmap="Greys", interpolation="nearest")
-        for edge in panel.edges:
-            axes.axhline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
-            axes.axvline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+        draw_blocks(axes, panel.matrix, panel.edges)
         return
     for series in panel.series:
         style = look(series.place)
@@ -61,3 +60,11 @@ def _panel(axes: Axes, panel: Panel) -> None:
     if panel.series and not panel.log_y:
         axes.set_ylim(bottom=0)
     axes.grid(color="#dddddd", linewidth=0.6)
+
+
+def draw_blocks(axes: Axes, matrix: NDArray[Any], edges: Iterable[float], **options: Any) -> None:
+    """A matrix in greys, with lines where its blocks begin; ``options`` are those of ``imshow``."""
+    axes.imshow(matrix, cmap="Greys", interpolation="nearest", **options)
+    for edge in edges:
+        axes.axhline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+        axes.axvline(edge - 0.5, color=COLOURS[1], linewidth=0.8)

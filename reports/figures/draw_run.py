@@ -18,6 +18,7 @@ from nrsfm.harness.evaluate.matching import matched
 from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import picture
+from nrsfm.reports.figures.draw_chart import draw_blocks
 from nrsfm.reports.figures.style import COLOURS, GREY, WRONG
 
 DRAWN = 3000  # the most points that are drawn
@@ -88,12 +89,10 @@ def _structure(
         axes.scatter(
             *arrays["true_structure"][frame], s=34 * area, facecolors="none", edgecolors=GREY, linewidths=0.7 * area
         )
-    for label in [] if labels is None else np.unique(labels):
-        body = labels == label
-        axes.scatter(*X[:, body], s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
-    if labels is None:
-        axes.scatter(*X, s=10 * area, color=COLOURS[0], depthshade=False)
-    elif truth is not None and (labels != truth).any():
+    for label in [0] if labels is None else np.unique(labels):
+        body = X if labels is None else X[:, labels == label]
+        axes.scatter(*body, s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
+    if labels is not None and truth is not None and (labels != truth).any():
         axes.scatter(*X[:, labels != truth], s=60, marker="x", color=WRONG, linewidths=1.2, depthshade=False)
     axes.view_init(elev=14, azim=-20)
     axes.set(title="structure over the truth (circles)", aspect="equal", xticklabels=[], yticklabels=[], zticklabels=[])
@@ -102,8 +101,5 @@ def _structure(
 def _affinity(axes: Axes, affinity: NDArray[Any] | sp.sparray, truth: NDArray[Any] | None) -> None:
     A, edges = picture(affinity, truth)
     n = affinity.shape[0]
-    axes.imshow(A, cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
-    for edge in edges * n / len(A) - 0.5:
-        axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
-        axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
+    draw_blocks(axes, A, edges * n / len(A), extent=(-0.5, n - 0.5, n - 0.5, -0.5))
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")

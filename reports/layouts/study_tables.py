@@ -5,33 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts import metrics, notes, published
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, SameAs
-from nrsfm.reports.layouts.metrics import (
-    E_3D,
-    E_3D_ALIGNED,
-    E_3D_CAMERA,
-    E_3D_HIDDEN,
-    E_MS,
-    E_R,
-    EIGENGAP,
-    FOUND,
-    MEAN_3D,
-    MEAN_HIDDEN,
-    MEAN_TRACKS,
-    MISCOUNTED,
-    TableMetric,
-    pooled,
-)
-from nrsfm.reports.layouts.notes import ADAPTIVE, EIGENGAPS, FIXED, HIDDEN, SHARE
-from nrsfm.reports.layouts.pools import BODIES, HOPKINS
+from nrsfm.reports.layouts.paper_tables import BODIES, HOPKINS
 
 #: Distances of a scene's eight pairs from the published numbers.
 FROM_TABLE2 = (
-    pooled(E_3D, "log ratio", title="e_3D, log ratio"),
-    pooled(E_3D, "> 10 % off", title="e_3D, pairs off"),
-    pooled(TableMetric("e_3d"), "log ratio", title="e_3D by the equation, log ratio"),
-    pooled(E_MS, "tracks off", title="e_MS, tracks off"),
+    metrics.pooled(metrics.E_3D, "log ratio", title="e_3D, log ratio"),
+    metrics.pooled(metrics.E_3D, "> 10 % off", title="e_3D, pairs off"),
+    metrics.pooled(metrics.TableMetric("e_3d"), "log ratio", title="e_3D by the equation, log ratio"),
+    metrics.pooled(metrics.E_MS, "tracks off", title="e_MS, tracks off"),
 )
 
 #: Settings of the block matrix method's rotation step as published.
@@ -60,11 +43,14 @@ STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
                     ("rigid start, not refined", {"cameras.start": "rigid", "cameras.refine": False}),
                 )
             ),
-            metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
+            metrics=(metrics.E_R, metrics.E_3D_ALIGNED, metrics.E_3D_CAMERA),
             source="single_body",
             points="single_body",
             study=True,
-            notes=(FIXED, "K = 13 is the most that 40 tracks allow, for the rotation alone; the shape keeps its own."),
+            notes=(
+                notes.FIXED,
+                "K = 13 is the most that 40 tracks allow, for the rotation alone; the shape keeps its own.",
+            ),
         ),
         "scene_study": Layout(
             title="Which scene is the paper's",
@@ -87,8 +73,8 @@ STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
                 methods=(
                     Method("bmm_ssc3d"),
                     Method("bmm_ssc3d_k6", printed="bmm_ssc3d"),
-                    Method("ssc2d", source="table1", metrics=(E_MS,)),
-                    Method("edsc", source="table1", metrics=(E_MS,)),
+                    Method("ssc2d", source="table1", metrics=(metrics.E_MS,)),
+                    Method("edsc", source="table1", metrics=(metrics.E_MS,)),
                 ),
                 source="table2",
                 points="table1",
@@ -105,7 +91,7 @@ STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
                 Method("bmm", printed="bmm_ssc3d", where={"method.rank": K}, label=f"K = {K}" if K else "not cut")
                 for K in (5, 6, 7, 11, 16, None)
             ),
-            metrics=(E_3D,),
+            metrics=(metrics.E_3D,),
             source="table2",
             points="table1",
             joiner=" + ",
@@ -116,9 +102,9 @@ STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
             caption="Wrong tracks of the eight pairs by the weight of the sparse code (l1) and the whitening, each for "
             "clean and for noisy tracks.",
             methods=SETTINGS,
-            metrics=(MEAN_TRACKS,),
+            metrics=(metrics.MEAN_TRACKS,),
             pools={"pairs": BODIES["pairs"]},
-            parts=Layout("Pair by pair", "", methods=SETTINGS, metrics=(E_3D, E_MS)),
+            parts=Layout("Pair by pair", "", methods=SETTINGS, metrics=(metrics.E_3D, metrics.E_MS)),
         ),
         "ablation": Layout(
             title="What each ingredient is worth",
@@ -132,44 +118,44 @@ STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
                     *("ssc2d_share70", "bmm_ssc3d_share70"),
                 )
             ),
-            metrics=(MEAN_3D, MEAN_TRACKS),
+            metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
             pools={"pairs": BODIES["pairs"]},
             parts=Layout("Pair by pair", ""),
-            notes=(ADAPTIVE, SHARE),
+            notes=(notes.ADAPTIVE, notes.SHARE),
         ),
         "gaps": Layout(
             title="Missing observations",
             caption="The eight pairs with 10, 20 and 30 % of the observations dropped: means over the pairs.",
             methods=(
-                Method("ssc2d_share70", metrics=(MEAN_TRACKS,)),
-                Method("edsc", metrics=(MEAN_TRACKS,)),
+                Method("ssc2d_share70", metrics=(metrics.MEAN_TRACKS,)),
+                Method("edsc", metrics=(metrics.MEAN_TRACKS,)),
                 Method("bmm_ssc3d_share70"),
                 Method("ours"),
             ),
-            metrics=(MEAN_3D, MEAN_HIDDEN, MEAN_TRACKS),
+            metrics=(metrics.MEAN_3D, metrics.MEAN_HIDDEN, metrics.MEAN_TRACKS),
             pools={"pairs": BODIES["pairs"]},
-            parts=Layout("Pair by pair", "", metrics=(E_3D, E_3D_HIDDEN, E_MS)),
-            notes=(HIDDEN, ADAPTIVE),
+            parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_3D_HIDDEN, metrics.E_MS)),
+            notes=(notes.HIDDEN, notes.ADAPTIVE),
         ),
         "count_bodies": Layout(
             title="How many bodies",
             caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "
             "estimate the number.",
             methods=tuple(Method(name) for name in ("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed")),
-            metrics=(MISCOUNTED, MEAN_TRACKS),
+            metrics=(metrics.MISCOUNTED, metrics.MEAN_TRACKS),
             pools=BODIES,
-            parts=Layout("Scene by scene", "", metrics=(FOUND, EIGENGAP, E_MS)),
-            notes=(EIGENGAPS, SHARE, ADAPTIVE),
+            parts=Layout("Scene by scene", "", metrics=(metrics.FOUND, metrics.EIGENGAP, metrics.E_MS)),
+            notes=(notes.EIGENGAPS, notes.SHARE, notes.ADAPTIVE),
         ),
         "count_hopkins155": Layout(
             title="How many motions",
             caption="Share of the scenes of Hopkins155 whose number of motions a method gets wrong, and of wrong "
             "tracks, when it has to estimate the number.",
             methods=(Method("ssc_raw"), Method("edsc_raw")),
-            metrics=(MISCOUNTED, MEAN_TRACKS),
+            metrics=(metrics.MISCOUNTED, metrics.MEAN_TRACKS),
             pools=HOPKINS,
-            parts=Layout("Scene by scene", "", metrics=(FOUND, EIGENGAP, E_MS)),
-            notes=(EIGENGAPS,),
+            parts=Layout("Scene by scene", "", metrics=(metrics.FOUND, metrics.EIGENGAP, metrics.E_MS)),
+            notes=(notes.EIGENGAPS,),
         ),
     }
 )

@@ -75,7 +75,8 @@ def _view(shown: Shown, S: NDArray[Any], blobs: Blobs) -> tuple[dict[str, Any], 
     frames = int(np.clip(BUDGET // (6 * copies * len(points)), 8, FRAMES))
     eye = np.array([1.0, -2.1, 0.6])
     if shown.cameras is not None:
-        facing = _facing(shown.cameras[0])
+        right, up = shown.cameras[0]
+        facing = np.stack([right, np.cross(up, right), up])  # x to the right, y into the depth, z upwards
         if shown.truth is None:
             S = facing @ S
         else:
@@ -92,12 +93,6 @@ def _view(shown: Shown, S: NDArray[Any], blobs: Blobs) -> tuple[dict[str, Any], 
     parts = [(len(range(0, F, step)), F, "frames"), (len(points), P, "tracks")]
     left_out = " and ".join(f"{some} of {whole} {name}" for some, whole, name in parts if some < whole)
     return data, f"The view shows {left_out}, evenly taken; the files hold all." if left_out else ""
-
-
-def _facing(camera: NDArray[Any]) -> NDArray[Any]:
-    """The rotation (3, 3) into axes of an image: x to the right, y into the depth, z upwards."""
-    right, up = camera
-    return np.stack([right, np.cross(up, right), up])
 
 
 def _body_labels(shown: Shown) -> dict[int, str]:
