@@ -47,6 +47,11 @@ class Method:
         )
 
 
+def columns(*names: str, metrics: tuple[TableMetric, ...] = ()) -> tuple[Method, ...]:
+    """Columns of methods that the paper's own table does not have."""
+    return tuple(Method(name, metrics=metrics) for name in names)
+
+
 def lookup(settings: Mapping[str, Any], path: str) -> Any:
     """The value of a dotted setting, None where there is none."""
     value: Any = settings
