@@ -27,21 +27,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Report:
-    """Tables, charts and claims of some experiments; each is built when it is first read.
+    """Tables, charts and claims of some experiments; each is built when it is first read."""
 
-    Parameters
-    ----------
-    answers : mapping
-        Experiment -> pairs of a trial and the tracked run that answers it, None where no run does.
-    fetch : callable
-        Returns the arrays of a tracked run; by default no run has any.
-    evidence : sequence of Tracked
-        The runs that the claims are judged by.
-    """
-
-    answers: Mapping[str, Sequence[Answer]]
-    fetch: Fetch = field(default=lambda run: {})
-    evidence: Sequence[Tracked] = ()
+    answers: Mapping[str, Sequence[Answer]]  #: by experiment
+    fetch: Fetch = field(default=lambda run: {})  #: by default no run has arrays
+    evidence: Sequence[Tracked] = ()  #: the runs that the claims are judged by
 
     @cached_property
     def tables(self) -> list[Table]:
@@ -79,8 +69,8 @@ class Report:
             for ending, render in FORMATS.items()
             if table.printed or ending != "_paper.tex"
         }
-        judged = json.dumps(claims.data(self.judged), indent=1, ensure_ascii=False, allow_nan=False)
-        texts["claims.json"] = f"{judged}\n"
+        judged = claims.data(self.judged)
+        texts["claims.json"] = json.dumps(judged, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         texts["index.html"] = page(self.tables, self.charts, self.judged, self.runs, self.fetch)
         return texts
 

@@ -10,8 +10,7 @@ from nrsfm.methods.base import Array, Labels
 
 def align_procrustes(estimate: Array, truth: Array) -> Array:
     """An (F, 3, P) estimate after :func:`procrustes`."""
-    aligned: Array = procrustes(estimate, truth) @ estimate
-    return aligned
+    return np.asarray(procrustes(estimate, truth) @ estimate)
 
 
 def procrustes(estimate: Array, truth: Array) -> Array:
@@ -27,15 +26,13 @@ def align_polar(estimate: Array, truth: Array) -> Array:
     S_gt, S_est = np.nan_to_num(truth), np.nan_to_num(estimate)
     cross = np.einsum("fip,fjp->ij", S_gt, S_est)
     gram = np.einsum("fip,fjp->ij", S_est, S_est)
-    aligned: Array = polar_factor(cross @ np.linalg.pinv(gram)) @ estimate
-    return aligned
+    return np.asarray(polar_factor(cross @ np.linalg.pinv(gram)) @ estimate)
 
 
 def polar_factor(matrix: Array) -> Array:
     """The orthogonal matrix nearest to a square one, or to each of a stack (..., N, N)."""
     U, _, Vt = np.linalg.svd(matrix)
-    nearest: Array = U @ Vt
-    return nearest
+    return np.asarray(U @ Vt)
 
 
 def centre_bodies(structure: Array, labels: Labels) -> Array:

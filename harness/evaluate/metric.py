@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
@@ -34,20 +33,13 @@ def needed(part: T | None) -> T:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A reconstruction beside the truth of its scene. Reading a part that is not there raises :class:`Absent`.
-
-    Parameters
-    ----------
-    scene : Scene
-    found : Reconstruction
-    known_cameras : bool
-        Whether the method was given the true cameras. Then structures are compared as they are; otherwise after one
-        orthogonal matrix for the whole sequence.
-    """
+    """A reconstruction beside the truth of its scene. Reading a part that is not there raises :class:`Absent`."""
 
     scene: Scene
     found: Reconstruction
     known_cameras: bool
+    """Whether the method was given the true cameras. Then structures are compared as they are; otherwise after one
+    orthogonal matrix for the whole sequence."""
 
     @cached_property
     def truth(self) -> Array:
@@ -65,16 +57,6 @@ class Estimate:
         return self.align(self.structure, self.truth)
 
     @property
-    def cameras(self) -> Array:
-        """(F, 2, 3) cameras that the structure was made with."""
-        return needed(self.found.cameras)
-
-    @property
-    def true_cameras(self) -> Array:
-        """(F, 2, 3)."""
-        return needed(self.scene.cameras)
-
-    @property
     def labels(self) -> Labels:
         """(P,) estimated labels."""
         return needed(self.found.labels)
@@ -83,11 +65,6 @@ class Estimate:
     def true_labels(self) -> Labels:
         """(P,)."""
         return needed(self.scene.labels)
-
-    @property
-    def visible(self) -> NDArray[np.bool_]:
-        """(F, P); absent where every track was observed in every frame."""
-        return needed(self.scene.visible)
 
     def align(self, estimate: Array, truth: Array) -> Array:
         """The estimate after the Procrustes solution; as it is with known cameras."""
@@ -100,63 +77,33 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Metric:
-    """One logged number.
+    """One logged number."""
 
-    Parameters
-    ----------
-    name : str
-        As it is logged.
-    of : callable
-        Computes it from an :class:`Estimate`: a number, or body -> number for a metric of each body, which is logged
-        as ``NAME_BODY``. Raises :class:`Absent` where the metric does not apply.
-    definition : str
-        One phrase of Markdown, for the table of metrics.
-    label, tex : str
-        For readers, and as LaTeX; the name and the label by default.
-    unit : str
-        ``relative`` to the size of the truth, ``share`` of a whole, a count of ``tracks`` or ``bodies``, or "".
-    better : {"lower", "higher", ""}
-        Which numbers are better; "" for a description, of which none is.
-    absent : str
-        Why a finished run may lack it.
-    counted : bool
-        Logged only where the number of bodies was left to the method.
-    tolerance : float
-        How far from a published number still counts as reproduced: in tracks where :attr:`counts` is set, otherwise
-        as a share of the published number.
-    pool : str
-        What a row that stands for many datasets shows by default: their ``mean`` or ``median``.
-    pooled_tolerance : float
-        The tolerance of a pooled share, in percentage points.
-    counts : str
-        For a share of tracks, the metric that counts them; verdicts are taken in tracks.
-    beside : str
-        A second metric that tables print next to it.
-    remark : str
-        A note under every table that has it with :attr:`beside`.
-    brief : str
-        Format of (value, number of tracks) for a line of progress; "" leaves it out.
-    summary : str
-        Format for the summary of a solution, of all its metrics by name, ``n_points``, ``rms`` and ``aligned``.
-    """
-
-    name: str
+    name: str  #: as it is logged
     of: Callable[[Estimate], float | Mapping[int, float]]
-    definition: str
-    label: str = ""
-    tex: str = ""
+    """Computes it: a number, or body -> number for a metric of each body, which is logged as ``NAME_BODY``.
+
+    Raises :class:`Absent` where the metric does not apply.
+    """
+    definition: str  #: one phrase of Markdown, for the table of metrics
+    label: str = ""  #: for readers; the name by default
+    tex: str = ""  #: as LaTeX; the label by default
     unit: str = "relative"
-    better: Literal["lower", "higher", ""] = "lower"
-    absent: str = NO_STRUCTURE
-    counted: bool = False
+    """``relative`` to the size of the truth, ``share`` of a whole, a count of ``tracks`` or ``bodies``, or ""."""
+    better: Literal["lower", "higher", ""] = "lower"  #: "" for a description, of which no number is better
+    absent: str = NO_STRUCTURE  #: why a finished run may lack it
+    counted: bool = False  #: logged only where the number of bodies was left to the method
     tolerance: float = 0.1
-    pool: str = "mean"
-    pooled_tolerance: float = 0.2
-    counts: str = ""
-    beside: str = ""
-    remark: str = ""
-    brief: str = ""
+    """How far from a published number still counts as reproduced: in tracks where :attr:`counts` is set, otherwise as
+    a share of the published number."""
+    pool: str = "mean"  #: what a row that stands for many datasets shows by default: their ``mean`` or ``median``
+    pooled_tolerance: float = 0.2  #: the tolerance of a pooled share, in percentage points
+    counts: str = ""  #: for a share of tracks, the metric that counts them; verdicts are taken in tracks
+    beside: str = ""  #: a second metric that tables print next to it
+    remark: str = ""  #: a note under every table that has it with :attr:`beside`
+    brief: str = ""  #: format of (value, number of tracks) for a line of progress; "" leaves it out
     summary: str = ""
+    """Format for the summary of a solution, of all its metrics by name, ``n_points``, ``rms`` and ``aligned``."""
 
     def values(self, estimate: Estimate) -> dict[str, float]:
         """Logged name -> number; empty where the metric does not apply or is not finite."""

@@ -25,20 +25,14 @@ from nrsfm.methods.numerics.cameras import axes
 def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool, counted: bool = False) -> dict[str, float]:
     """All metrics that the truth of the scene and the parts of the reconstruction allow, by logged name.
 
+    They are in the order of :data:`METRICS`, those that do not apply left out; all values are finite.
+
     Parameters
     ----------
-    scene : Scene
-        With or without the truth.
-    found : Reconstruction
     known_cameras : bool
         Whether the method was given the true cameras; if not, structures are aligned first.
     counted : bool
         Whether the method had to estimate the number of bodies.
-
-    Returns
-    -------
-    dict of str to float
-        In the order of :data:`METRICS`. Metrics that do not apply are left out; all values are finite.
     """
     estimate = Estimate(scene, found, known_cameras)
     return {
@@ -90,8 +84,8 @@ def e_3d(estimate: Array, truth: Array) -> float:
 def frame_errors(estimate: Array, truth: Array) -> Array:
     """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P); NaN where nothing is known."""
     size = _norm(truth, (1, 2))
-    errors: Array = np.divide(_norm(estimate - truth, (1, 2)), size, out=np.full(len(size), np.nan), where=size > 0)
-    return errors
+    error = _norm(estimate - truth, (1, 2))
+    return np.asarray(np.divide(error, size, out=np.full(len(size), np.nan), where=size > 0))
 
 
 def e_3d_total(estimate: Array, truth: Array) -> float:
@@ -146,13 +140,12 @@ def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
 
 def _norm(X: Array, axis: tuple[int, ...] | None = None) -> Array:
     """Frobenius norm of the entries that are not NaN."""
-    norm: Array = np.sqrt(np.nansum(X**2, axis=axis))
-    return norm
+    return np.asarray(np.sqrt(np.nansum(X**2, axis=axis)))
 
 
 def _part(estimate: Estimate, visible: bool) -> float:
     """e_3d over the points that were observed, or over those that were not."""
-    part = estimate.visible if visible else ~estimate.visible
+    part = needed(estimate.scene.visible) == visible
     truth, aligned = estimate.truth, estimate.aligned
     if not (part & observed(truth)).any():
         raise Absent
@@ -160,7 +153,8 @@ def _part(estimate: Estimate, visible: bool) -> float:
 
 
 def _in_camera_frame(estimate: Estimate) -> float:
-    mine, true = axes(estimate.cameras) @ estimate.structure, axes(estimate.true_cameras) @ estimate.truth
+    mine = axes(needed(estimate.found.cameras)) @ estimate.structure
+    true = axes(needed(estimate.scene.cameras)) @ estimate.truth
     return e_3d_dai(estimate.align_polar(mine, true), true)
 
 
@@ -181,22 +175,18 @@ def _by_body(estimate: Estimate) -> dict[int, float]:
 
 def _reprojection(estimate: Estimate) -> float:
     W, S = centre(estimate.scene.tracks), needed(estimate.found.structure)
-    return float(_norm(centre(W - estimate.cameras @ S)) / _norm(W))
+    return float(_norm(centre(W - needed(estimate.found.cameras) @ S)) / _norm(W))
 
 
 def _rotation(estimate: Estimate) -> float:
     needed(estimate.found.structure)
     if estimate.known_cameras:
         raise Absent
-    return e_r(estimate.cameras, estimate.true_cameras)
+    return e_r(needed(estimate.found.cameras), needed(estimate.scene.cameras))
 
 
 def _wrong(estimate: Estimate) -> int:
     return n_wrong(estimate.labels, estimate.true_labels)
-
-
-def _between(estimate: Estimate) -> float:
-    return affinity_between(needed(estimate.found.affinity), estimate.true_labels)
 
 
 def _clusters(estimate: Estimate) -> int:
@@ -309,7 +299,7 @@ METRICS = (
     ),
     Metric(
         "affinity_between",
-        _between,
+        lambda e: affinity_between(needed(e.found.affinity), e.true_labels),
         "the share of the affinity that joins tracks of different bodies: 0 where it is block-diagonal",
         unit="share",
         absent="method gives no affinity",

@@ -11,16 +11,8 @@ import scipy.sparse as sp
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.methods.base import (
-    Array,
-    Method,
-    MethodError,
-    Observations,
-    Progress,
-    Reconstruction,
-    check_gap_handling,
-    stage,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.structure.rotation import estimate_cameras
 
@@ -38,8 +30,6 @@ def reconstruct(
 
     Parameters
     ----------
-    scene : Scene
-    method : Method
     n_bodies : int or None
         None lets the method estimate it.
     cameras : mapping
@@ -59,7 +49,7 @@ def reconstruct(
     """
     if reason := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(reason)
-    check_gap_handling(method, scene.visible)
+    base.check_gap_handling(method, scene.visible)
     R = None
     if method.uses_cameras:
         if cameras["source"] != "known":

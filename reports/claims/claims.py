@@ -55,33 +55,23 @@ def text(judged: Sequence[Judged]) -> str:
     """The claims for a terminal: a line each, followed by a line for each method."""
     lines = []
     for claim in judged:
-        lines.append(f"{claim.number:2}. {claim.statement}")
-        lines += [
-            f"    {finding.symbol} {label}: {finding.verdict}. {finding.figures}" for label, finding in claim.findings
-        ]
-    return "\n".join(lines) + "\n"
+        lines.append(f"{claim.number:2}. {claim.statement}\n")
+        lines += [f"    {f.symbol} {label}: {f.verdict}. {f.figures}\n" for label, f in claim.findings]
+    return "".join(lines)
 
 
 def data(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     """The claims as plain data."""
     return [
-        {
-            "number": claim.number,
-            "statement": claim.statement,
-            "rule": claim.rule,
-            "findings": {
-                label: {
-                    "verdict": finding.verdict,
-                    "figures": finding.figures,
-                    "cases": [
-                        {"name": c.name, "verdict": word(c.ok), "said": c.said, "value": c.value} for c in finding.cases
-                    ],
-                }
-                for label, finding in claim.findings
-            },
-        }
+        {"number": claim.number, "statement": claim.statement, "rule": claim.rule}
+        | {"findings": {label: _finding(finding) for label, finding in claim.findings}}
         for claim in judged
     ]
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    cases = [{"name": c.name, "verdict": word(c.ok), "said": c.said, "value": c.value} for c in finding.cases]
+    return {"verdict": finding.verdict, "figures": finding.figures, "cases": cases}
 
 
 def _right(datasets: Sequence[str], allowed: int = 0, placement: str = "paper") -> Rule:
@@ -104,20 +94,28 @@ def _below_rivals(evidence: Evidence, method: str) -> Iterator[Case]:
     for level in LEVELS:
         for pair in NOISY if level else PAIRS:
             for rival in ("ssc2d", "edsc"):
-                mine = evidence.mean("n_wrong", pair, method, level)
-                theirs = evidence.mean("n_wrong", pair, rival, level)
+                mine, theirs = (evidence.mean("n_wrong", pair, name, level) for name in (method, rival))
                 excess = None if mine is None or theirs is None else mine - theirs
                 said = "" if excess is None else f"wrong tracks {mine:g} and {theirs:g}"
                 name = f"{_name(pair)}, noise {level:g}, {LABELS[rival]}"
-                yield _case(name, excess, lambda v: v <= 1e-9, said.replace("{", "{{"))
+                yield _case(name, excess, lambda v: v <= 1e-9, said)
 
 
-def _near_bmm(evidence: Evidence, method: str) -> Iterator[Case]:
-    for pair in PAIRS:
-        mine, bmm = (evidence.mean("e_3d_dai", pair, name) for name in (method, "bmm_ssc3d"))
-        ratio = mine / bmm if mine is not None and bmm else None
-        said = "" if ratio is None else f"{number(mine or 0)} and {number(bmm or 0)}, ratio {{:.3f}}"
-        yield _case(_name(pair), ratio, lambda v: v <= 1.05, said)
+def _against(
+    rival: str, datasets: Sequence[str], metric: str, holds: Callable[[float], bool], said: str, ratio: bool = True
+) -> Rule:
+    """A rule on the ratio of a method's number to its rival's on each dataset, or on the difference."""
+
+    def rule(evidence: Evidence, method: str) -> Iterator[Case]:
+        for dataset in datasets:
+            mine, other = (evidence.mean(metric, dataset, name) for name in (method, rival))
+            value, words = None, ""
+            if mine is not None and other is not None and (other or not ratio):
+                value = mine / other if ratio else mine - other
+                words = said.format(number(mine), number(other))
+            yield _case(_name(dataset), value, holds, words)
+
+    return rule
 
 
 def _grows(evidence: Evidence, method: str) -> Iterator[Case]:
@@ -153,23 +151,10 @@ def _converges(evidence: Evidence, method: str) -> Iterator[Case]:
             yield Case(f"{_name(pair)}, objective", change <= 1e-3, said)
 
 
-def _neighbours_help(evidence: Evidence, method: str) -> Iterator[Case]:
+def _neighbours_help(evidence: Evidence, method: str) -> Iterable[Case]:
     """Only the printed formulation has the spatial term."""
-    if method != "ours_printed":
-        return
-    for face in DENSE:
-        with_term, without = (evidence.mean("e_3d", face, name) for name in ("ours_cd", "ours_c"))
-        ratio = with_term / without if with_term is not None and without else None
-        said = "" if ratio is None else f"{number(with_term or 0)} with, {number(without or 0)} without"
-        yield _case(face, ratio, lambda v: v < 1, said)
-
-
-def _more_block_diagonal(evidence: Evidence, method: str) -> Iterator[Case]:
-    for pair in PAIRS:
-        mine, ssc = (evidence.mean("affinity_between", pair, name) for name in (method, "ssc2d"))
-        excess = None if mine is None or ssc is None else mine - ssc
-        said = "" if excess is None else f"share between bodies {number(mine or 0)}, SSC's {number(ssc or 0)}"
-        yield _case(_name(pair), excess, lambda v: v < 0, said)
+    rule = _against("ours_c", DENSE, "e_3d", lambda v: v < 1, "{} with, {} without")
+    return rule(evidence, "ours_cd") if method == "ours_printed" else ()
 
 
 def _case(name: str, value: float | None, holds: Callable[[float], bool], said: str) -> Case:
@@ -200,7 +185,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Ours' 3D error is within a few per cent of BMM's.",
         "e_3d_dai at most 1.05 of BMM's on each pair",
-        _near_bmm,
+        _against("bmm_ssc3d", PAIRS, "e_3d_dai", lambda v: v <= 1.05, "{} and {}, ratio {{:.3f}}"),
         "ratio",
     ),
     Claim(
@@ -225,7 +210,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Ours' affinity is more nearly block-diagonal than SSC's.",
         "share of the affinity between bodies below that of SSC(2D), on each pair",
-        _more_block_diagonal,
+        _against("ssc2d", PAIRS, "affinity_between", lambda v: v < 0, "share between bodies {}, SSC's {}", ratio=False),
         "share minus SSC's",
     ),
     Claim(

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from nrsfm.harness.record.curves import thinned
-from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.tracked import Fetch, Tracked
 from nrsfm.reports.layouts import published
 
@@ -86,13 +85,9 @@ class Judged:
 
 
 class Evidence:
-    """Finished runs on real data with every method as configured, and their curves.
+    """Finished runs on real data with every method as configured, oldest first, and their curves.
 
-    Parameters
-    ----------
-    runs : iterable of Tracked
-        Oldest first; of one trial the newest counts. Runs with gaps, or that had to count the bodies, are left out.
-    fetch : callable
+    Of one trial the newest run counts. Runs with gaps, or that had to count the bodies, are left out.
     """
 
     def __init__(self, runs: Iterable[Tracked], fetch: Fetch) -> None:
@@ -100,14 +95,11 @@ class Evidence:
         self._runs: dict[tuple[Any, ...], Tracked] = {run.outcome.identity: run for run in judged}
         self._fetch = fetch
 
-    def find(self, dataset: str, method: str, level: float = 0.0, placement: str = "paper") -> list[Outcome]:
-        """The runs of a dataset in the paper's setting, one for each draw of the noise."""
-        return [run.outcome for run in self._found(dataset, method, level, placement)]
-
     def curves(self, dataset: str, method: str) -> list[dict[str, Any]]:
-        return [thinned(self._fetch(run)) for run in self._found(dataset, method, 0.0, "paper")]
+        return [thinned(self._fetch(run)) for run in self._find(dataset, method)]
 
-    def _found(self, dataset: str, method: str, level: float, placement: str) -> list[Tracked]:
+    def _find(self, dataset: str, method: str, level: float = 0.0, placement: str = "paper") -> list[Tracked]:
+        """The runs of a dataset in the paper's setting, one for each draw of the noise."""
         wanted = (dataset, method, level)
         runs = [r for r in self._runs.values() if (r.outcome.dataset, r.outcome.method, r.outcome.level) == wanted]
         if dataset in UMPM:  # as captured, cameras from the tracks
@@ -116,7 +108,7 @@ class Evidence:
         return [r for r in usual if r.outcome.placement in (placement, "")]
 
     def mean(self, metric: str, *where: Any, **more: Any) -> float | None:
-        """The metric's mean over draws; None if any of :meth:`find`'s runs lacks it, or there is none."""
-        values = [outcome.metrics.get(metric) for outcome in self.find(*where, **more)]
+        """The metric's mean over draws; None if any run lacks it, or there is none."""
+        values = [run.outcome.metrics.get(metric) for run in self._find(*where, **more)]
         known = [value for value in values if value is not None]
         return statistics.fmean(known) if known and len(known) == len(values) else None

@@ -15,11 +15,7 @@ CELLS = 400
 def picture(affinity: Any, truth: NDArray[Any] | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """D^-1/2 A D^-1/2 as in spectral clustering, its largest 2 % clipped; sums over cells where it is large.
 
-    Parameters
-    ----------
-    affinity : (P, P) array or sparse matrix
-    truth : (P,) array or None
-        Bodies; tracks are sorted by them.
+    Tracks are sorted by ``truth`` (P,), the bodies.
 
     Returns
     -------

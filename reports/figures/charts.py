@@ -15,7 +15,7 @@ from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
 from nrsfm.reports.figures.affinity import picture
 from nrsfm.reports.figures.chart import Chart, Panel, Series
-from nrsfm.reports.figures.scaling_chart import measured, scaling
+from nrsfm.reports.figures.scaling_chart import scaling
 from nrsfm.reports.layouts.index import layout
 from nrsfm.reports.layouts.labels import method_label
 
@@ -27,24 +27,13 @@ Build = Callable[[Runs, Fetch], Iterable[Panel]]
 
 @dataclass(frozen=True)
 class ChartEntry:
-    """A chart and the experiments that fill it.
+    """A chart and the experiments that fill it."""
 
-    Parameters
-    ----------
-    name : str
-        The stem of its files is the experiment's name and this.
-    title, caption : str
-    experiments : tuple of str
-        Names or patterns, such as ``noise*``.
-    build : callable
-        Finished runs and their arrays -> panels; none where the runs lack what the chart shows.
-    """
-
-    name: str
+    name: str  #: the stem of its files is the experiment's name and this
     title: str
     caption: str
-    experiments: tuple[str, ...]
-    build: Build
+    experiments: tuple[str, ...]  #: names or patterns, such as ``noise*``
+    build: Build  #: finished runs and their arrays -> panels; none where the runs lack what the chart shows
 
 
 def build_charts(answers_by_table: Mapping[str, Sequence[Answer]], fetch: Fetch) -> list[Chart]:
@@ -75,7 +64,8 @@ def against_noise(metric: str) -> Build:
         groups = _by(outcomes, lambda o: "all scenes" + words[o.cameras])
         groups |= _by(outcomes, lambda o: _name_of(o.dataset) + words[o.cameras])
         for title, members in groups.items():
-            series = [_over_levels(name, methods.index(name), group, metric) for name, group in _by_method(members)]
+            by_method = _by(members, lambda o: o.method).items()
+            series = (_over_levels(name, methods.index(name), group, metric) for name, group in by_method)
             yield Panel(title, "noise, share of max |W|", BY_NAME[metric].label, tuple(series))
 
     return build
@@ -149,7 +139,7 @@ def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
     methods = _methods(runs)
     for title, unit, of in (("time", "s", "seconds"), ("memory", "MB", "peak_mb")):
         series = []
-        for method, members in _by_method([run.outcome for run in runs]):
+        for method, members in _by([run.outcome for run in runs], lambda o: o.method).items():
             points = sorted(
                 ((o.n_points or 0) * (o.n_frames or 0), value)
                 for o in members
@@ -159,24 +149,9 @@ def cost(runs: Runs, _: Fetch) -> Iterator[Panel]:
                 x, y = zip(*points, strict=True)
                 series.append(Series(method_label(method), x, y, (), methods.index(method), scatter=True))
         if series:
-            wide_x, wide_y = (_wide([v for s in series for v in getattr(s, axis)]) for axis in "xy")
+            spans = ([v for s in series for v in getattr(s, axis)] for axis in "xy")
+            wide_x, wide_y = (max(values) > 10 * min(values) > 0 for values in spans)
             yield Panel(title, "tracks × frames", unit, tuple(series), log_x=wide_x, log_y=wide_y)
-
-
-def scales(runs: Runs, fetch: Fetch) -> Iterable[Panel]:
-    """Time, operations and memory of an iteration against the size of the scene."""
-    trials = []
-    for run in runs:
-        arrays, o = fetch(run), run.outcome
-        if {"history_seconds", "history_operations"} <= arrays.keys():
-            seconds, operations = (arrays[f"history_{name}"].tolist() for name in ("seconds", "operations"))
-            trials.append(measured(o.n_points or 0, o.n_frames or 0, seconds, operations, o.peak_mb or 0.0))
-    return scaling(trials)
-
-
-def _wide(values: Sequence[float]) -> bool:
-    """Whether values span more than a factor of 10, so that the axis is logarithmic."""
-    return max(values) > 10 * min(values) > 0
 
 
 def _by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
@@ -184,10 +159,6 @@ def _by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
     for item in items:
         groups.setdefault(key(item), []).append(item)
     return groups
-
-
-def _by_method(outcomes: Iterable[Outcome]) -> Iterable[tuple[str, list[Outcome]]]:
-    return _by(outcomes, lambda o: o.method).items()
 
 
 def _methods(runs: Runs) -> list[str]:
@@ -236,7 +207,7 @@ CHARTS: tuple[ChartEntry, ...] = (
         "Each point is a trial, double logarithmic; exponents are those of the larger half of the sizes. A dense "
         "iteration's operations and a dense P x P array stand beside.",
         ("scaling",),
-        scales,
+        scaling,
     ),
     ChartEntry("frames", "3D error by frame", "e_3D of each frame.", ("table2", "table3"), by_frame),
     ChartEntry(

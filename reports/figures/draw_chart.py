@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from nrsfm.reports.figures.chart import Chart, Panel
 from nrsfm.reports.figures.style import COLOURS, look
@@ -16,12 +18,7 @@ ACROSS = 4
 
 
 def chart_figure(chart: Chart) -> Figure:
-    """A figure with all panels of a chart and one legend below them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """A figure with all panels of a chart and one legend below them."""
     n = len(chart.panels)
     across = min(ACROSS, n)
     down = -(-n // across)
@@ -47,26 +44,27 @@ def _panel(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y, fontsize=9)
     axes.tick_params(labelsize=8)
     if panel.matrix is not None:
-        axes.imshow(panel.matrix, cmap="Greys", interpolation="nearest")
-        for edge in panel.edges:
-            axes.axhline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
-            axes.axvline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+        draw_blocks(axes, panel.matrix, panel.edges)
         return
     for series in panel.series:
         style = look(series.place)
-        x, y = np.array(series.x), np.array(series.y)
+        x, y, spread = map(np.array, (series.x, series.y, series.spread))
         marker = style.marker if series.scatter or len(x) < 30 else ""
         line = "" if series.scatter else style.line
         axes.plot(
             x, y, color=style.colour, marker=marker, linestyle=line, markersize=4.5, linewidth=1.4, label=series.label
         )
         if series.spread:
-            spread = np.array(series.spread)
             axes.fill_between(x, np.maximum(y - spread, 0), y + spread, color=style.colour, alpha=0.18, linewidth=0)
-    if panel.log_x:
-        axes.set_xscale("log")
-    if panel.log_y:
-        axes.set_yscale("log")
-    elif panel.series:
+    axes.set(xscale="log" if panel.log_x else "linear", yscale="log" if panel.log_y else "linear")
+    if panel.series and not panel.log_y:
         axes.set_ylim(bottom=0)
     axes.grid(color="#dddddd", linewidth=0.6)
+
+
+def draw_blocks(axes: Axes, matrix: NDArray[Any], edges: Iterable[float], **options: Any) -> None:
+    """A matrix in greys, with lines where its blocks begin; ``options`` are those of ``imshow``."""
+    axes.imshow(matrix, cmap="Greys", interpolation="nearest", **options)
+    for edge in edges:
+        axes.axhline(edge - 0.5, color=COLOURS[1], linewidth=0.8)
+        axes.axvline(edge - 0.5, color=COLOURS[1], linewidth=0.8)

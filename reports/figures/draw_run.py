@@ -18,6 +18,7 @@ from nrsfm.harness.evaluate.matching import matched
 from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import picture
+from nrsfm.reports.figures.draw_chart import draw_blocks
 from nrsfm.reports.figures.style import COLOURS, GREY, WRONG
 
 DRAWN = 3000  # the most points that are drawn
@@ -31,13 +32,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     arrays : mapping
         The contents of a trial's ``arrays.npz``: ``tracks`` (F, 2, P), and where the method gave them
         ``structure`` (F, 3, P), ``labels`` (P,), ``affinity`` (P, P), which may be sparse.
-    outcome : Outcome
     frame : int, optional
         The frame drawn; the middle one by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     tracks = arrays["tracks"]
     some = np.unique(np.linspace(0, tracks.shape[2] - 1, DRAWN).astype(int))
@@ -46,11 +42,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
     labels = matched(arrays["labels"], truth) if "labels" in arrays else None
     panels = ["tracks", *(name for name in ("structure", "affinity") if name in arrays)]
     figure = Figure(figsize=(4.4 * len(panels), 4.3), layout="constrained")
-    row = [
-        figure.add_subplot(1, len(panels), k + 1, projection="3d" if name == "structure" else None)
-        for k, name in enumerate(panels)
-    ]
-    for axes, name in zip(row, panels, strict=True):
+    for k, name in enumerate(panels, start=1):
+        axes: Any = figure.add_subplot(1, len(panels), k, projection="3d" if name == "structure" else None)
         if name == "tracks":
             _tracks(axes, tracks[:, :, some], frame)
         elif name == "structure":
@@ -59,7 +52,8 @@ def overview(arrays: Mapping[str, NDArray[Any]], outcome: Outcome, frame: int | 
             _structure(axes, shapes, frame, *(None if x is None else x[some] for x in (labels, truth)))
         else:
             _affinity(axes, arrays["affinity"], truth)
-    figure.suptitle(_title(outcome), fontsize=11)
+    words = [outcome.dataset.replace("_", " + "), outcome.method, *["procedural stand-in"] * outcome.stand_in]
+    figure.suptitle(", ".join([*words, *brief(outcome.metrics, outcome.n_points)]), fontsize=11)
     return figure
 
 
@@ -69,13 +63,6 @@ def save(figure: Figure, path: Path) -> None:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix[1:])
     with matplotlib.rc_context({"svg.hashsalt": "nrsfm"}):  # element names are random without it
         figure.savefig(path, dpi=150, metadata=metadata)
-
-
-def _title(outcome: Outcome) -> str:
-    words = [outcome.dataset.replace("_", " + "), outcome.method]
-    if outcome.stand_in:
-        words.append("procedural stand-in")
-    return ", ".join([*words, *brief(outcome.metrics, outcome.n_points)])
 
 
 def _area(points: NDArray[Any]) -> float:
@@ -102,12 +89,10 @@ def _structure(
         axes.scatter(
             *arrays["true_structure"][frame], s=34 * area, facecolors="none", edgecolors=GREY, linewidths=0.7 * area
         )
-    for label in [] if labels is None else np.unique(labels):
-        body = labels == label
-        axes.scatter(*X[:, body], s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
-    if labels is None:
-        axes.scatter(*X, s=10 * area, color=COLOURS[0], depthshade=False)
-    elif truth is not None and (labels != truth).any():
+    for label in [0] if labels is None else np.unique(labels):
+        body = X if labels is None else X[:, labels == label]
+        axes.scatter(*body, s=10 * area, color=COLOURS[int(label) % len(COLOURS)], depthshade=False)
+    if labels is not None and truth is not None and (labels != truth).any():
         axes.scatter(*X[:, labels != truth], s=60, marker="x", color=WRONG, linewidths=1.2, depthshade=False)
     axes.view_init(elev=14, azim=-20)
     axes.set(title="structure over the truth (circles)", aspect="equal", xticklabels=[], yticklabels=[], zticklabels=[])
@@ -116,8 +101,5 @@ def _structure(
 def _affinity(axes: Axes, affinity: NDArray[Any] | sp.sparray, truth: NDArray[Any] | None) -> None:
     A, edges = picture(affinity, truth)
     n = affinity.shape[0]
-    axes.imshow(A, cmap="Greys", interpolation="nearest", extent=(-0.5, n - 0.5, n - 0.5, -0.5))
-    for edge in edges * n / len(A) - 0.5:
-        axes.axhline(edge, color=COLOURS[1], linewidth=0.8)
-        axes.axvline(edge, color=COLOURS[1], linewidth=0.8)
+    draw_blocks(axes, A, edges * n / len(A), extent=(-0.5, n - 0.5, n - 0.5, -0.5))
     axes.set(title="affinity, tracks sorted by body", xlabel="track", ylabel="track")

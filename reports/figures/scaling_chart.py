@@ -3,71 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from nrsfm.harness.record.tracked import Fetch, Tracked
 from nrsfm.reports.figures.chart import Panel, Series
 
+COSTS = ("seconds", "operations")  # of each iteration, in a trial's arrays
 DENSE = 5 / 3  # P^3 operations of the dense iteration's factors and symmetric product
 
 
-@dataclass(frozen=True)
-class Measured:
-    """One trial: its size, and the cost of its late iterations.
-
-    Parameters
-    ----------
-    n_points, n_frames : int
-    seconds : float
-        Of all cores, the median iteration of the second half.
-    operations : float
-        Counted, of the same iterations.
-    peak_mb : float
-        Largest resident size of the trial's process.
-    """
-
-    n_points: int
-    n_frames: int
-    seconds: float
-    operations: float
-    peak_mb: float
-
-
-def measured(
-    n_points: int, n_frames: int, seconds: Sequence[float], operations: Sequence[float], peak_mb: float
-) -> Measured:
-    """A trial from its curves by iteration."""
-    late = slice(len(seconds) // 2, None)
-    return Measured(n_points, n_frames, float(np.median(seconds[late])), float(np.median(operations[late])), peak_mb)
-
-
-def scaling(trials: Sequence[Measured]) -> Iterator[Panel]:
+def scaling(runs: Sequence[Tracked], fetch: Fetch) -> Iterator[Panel]:
     """CPU seconds, counted operations and peak memory an iteration, against P for each F; double logarithmic.
 
-    For comparison: the operations of a dense iteration, and a dense P x P array.
+    Seconds (of all cores) and operations are the medians over the second half of the iterations. For comparison: the
+    operations of a dense iteration, and a dense P x P array.
     """
-    if not trials:
+    trials = pd.DataFrame(
+        {name: np.median(arrays[f"history_{name}"][len(arrays[f"history_{name}"]) // 2 :]) for name in COSTS}
+        | {"P": float(run.outcome.n_points or 0), "F": run.outcome.n_frames or 0, "peak_mb": run.outcome.peak_mb or 0.0}
+        for run in runs
+        if {f"history_{name}" for name in COSTS} <= (arrays := fetch(run)).keys()
+    )
+    if trials.empty:
         return
-    lengths = sorted({trial.n_frames for trial in trials})
-    every = np.array(sorted({t.n_points for t in trials}), dtype=float)
+    every = np.unique(trials["P"])
     beside = {
         "operations": ("dense, 5/3 P^3", DENSE * every**3),
         "peak_mb": ("one dense P x P array", 8 * every**2 / 2**20),
     }
     titles = {"seconds": "CPU seconds an iteration", "operations": "operations an iteration", "peak_mb": "peak memory"}
+    groups = trials.sort_values("P", kind="stable").groupby("F")
     for name, title in titles.items():
         series, slopes = [], []
-        for place, F in enumerate(lengths):
-            group = sorted((t for t in trials if t.n_frames == F), key=lambda t: t.n_points)
-            P, values = (np.array([getattr(t, of) for t in group], float) for of in ("n_points", name))
+        for place, (F, group) in enumerate(groups):
+            P, values = group["P"].to_numpy(), group[name].to_numpy()
             series.append(Series(f"F = {F}", tuple(P), tuple(values), (), place))
             if len(P) > 2 and name != "peak_mb":
                 slopes.append(f"P^{_slope(P, values):.2f}")
         if name in beside:
             label, values = beside[name]
-            series.append(Series(label, tuple(every), tuple(values), (), len(lengths) + list(beside).index(name)))
+            series.append(Series(label, tuple(every), tuple(values), (), len(groups) + list(beside).index(name)))
         title = f"{title}: {', '.join(slopes)}" if slopes else title
         yield Panel(title, "tracks P", "MB" if name == "peak_mb" else "", tuple(series), log_x=True, log_y=True)
 

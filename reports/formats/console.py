@@ -16,13 +16,9 @@ STYLES = {Verdict.REPRODUCED: "green", Verdict.BETTER: "cyan", Verdict.WORSE: "r
 
 
 def console(table: Table, target: Console | None = None) -> None:
-    """Print a table, its loud notes and the reasons of its empty cells.
+    """Print a table, its loud notes and the reasons of its empty cells, on standard output by default.
 
-    Parameters
-    ----------
-    table : Table
-    target : rich.console.Console, optional
-        Standard output by default. Plain text, 120 columns wide, where it is no terminal.
+    Plain text, 120 columns wide, where the target is no terminal.
     """
     target = target or Console()
     if not target.is_terminal:
@@ -31,10 +27,8 @@ def console(table: Table, target: Console | None = None) -> None:
     for note in table.loud:
         target.print(Text(f"! {note}", "bold yellow"))
     target.print(_grid(table))
-    for line in reasons(table):
+    for line in (*reasons(table), *(test.text for test in table.tests)):
         target.print(Text(line, "dim"))
-    for test in table.tests:
-        target.print(Text(test.text, "dim"))
     if table.published:
         target.print(Text(LEGEND, "dim"))
     target.print(Text(table.summary, "bold"))
@@ -69,9 +63,7 @@ def _grid(table: Table) -> Grid:
         for i, (method, columns) in enumerate(table.methods.items()):
             cells = zip(table.columns, row.cells, strict=True)
             shown = {column.metric.shown: cell for column, cell in cells if column.method == method}
-            line = [
-                t for name, metric in metrics.items() for t in _texts(metric, shown.get(name), bool(table.published))
-            ]
+            line = [text for name, metric in metrics.items() for text in _texts(metric, shown.get(name), compared)]
             last = i == len(table.methods) - 1
             grid.add_row(Text("" if i else row.label), Text(columns[0].label), *line, end_section=last)
     return grid

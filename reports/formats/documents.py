@@ -40,12 +40,8 @@ def tex_paper(table: Table) -> str:
     """The paper's columns, rows and names, measured numbers alone (booktabs, multirow)."""
     columns = [i for i, column in enumerate(table.columns) if column.heading] or list(range(len(table.columns)))
     printed = [row for row in table.rows if row.printed] or list(table.rows)
-    heads = [
-        (text.Safe(heading) if heading else label, len(list(group)))
-        for (heading, label), group in itertools.groupby(
-            (table.columns[i] for i in columns), key=lambda column: (column.heading, column.label)
-        )
-    ]
+    groups = itertools.groupby((table.columns[i] for i in columns), key=lambda column: (column.heading, column.label))
+    heads = [(text.Safe(heading) if heading else label, len(list(group))) for (heading, label), group in groups]
     starts = itertools.accumulate((n for _, n in heads), initial=2)
     return _render(
         _TEX,
@@ -65,12 +61,7 @@ def tex_audit(table: Table) -> str:
 
 def html(table: Table) -> str:
     """The table as a page of its own that loads nothing from elsewhere, light and dark."""
-    return _render(_HTML, "table_page.html.j2", table, page=False)
-
-
-def html_environment() -> Environment:
-    """The template engine for HTML with the filters that print a cell."""
-    return _HTML
+    return _render(HTML, "table_page.html.j2", table, page=False)
 
 
 FORMATS: Mapping[str, Callable[[Table], str]] = MappingProxyType(
@@ -153,9 +144,9 @@ def _label(metric: TableMetric) -> Markup:
     return Markup("{}<sub>{}</sub>{}").format(head, index, rest[len(index) :]) if index else escape(metric.label)
 
 
-def _identifier(name: str) -> str:
+def _identifier(name: str) -> text.Safe:
     """A name as it may stand in a LaTeX label."""
-    return "".join(c if c.isascii() and c.isalnum() else "-" for c in name)
+    return text.Safe("".join(c if c.isascii() and c.isalnum() else "-" for c in name))
 
 
 def _environment(**syntax: Any) -> Environment:
@@ -170,13 +161,13 @@ def _environment(**syntax: Any) -> Environment:
     environment.globals |= {"LEGEND": LEGEND, "Verdict": Verdict, "zip": zip, "groups": _groups}
     for each in (measured, linked, aside, verdict, wrong, difference, source, text.number, text.one_line):
         environment.filters[each.__name__] = each
-    environment.filters |= {"tex_caption": _caption, "html_label": _label}
-    environment.filters["identifier"] = lambda name: text.Safe(_identifier(name))
+    environment.filters |= {"tex_caption": _caption, "html_label": _label, "identifier": _identifier}
     environment.filters["tex"] = environment.filters["trusted"] = text.Safe  # text of templates and layouts
     return environment
 
 
-_HTML = _environment(autoescape=True)
+HTML = _environment(autoescape=True)
+"""The template engine for HTML with the filters that print a cell."""
 _MARKDOWN = _environment(finalize=text.escape_md)
 
 _TEX = _environment(

@@ -9,7 +9,6 @@ from typing import Any
 from nrsfm.harness.gate.baseline import Baseline, Blessed
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.reports.layouts.index import LAYOUTS
-from nrsfm.reports.layouts.metrics import TableMetric
 
 
 def published(outcomes: Sequence[Outcome]) -> Baseline:
@@ -32,15 +31,11 @@ def published(outcomes: Sequence[Outcome]) -> Baseline:
             for metric in method.metrics or design.metrics:
                 text = design.printed(outcome.dataset, method, metric)
                 if text is not None and (not metric.counts or points):
-                    name, value = _published(metric, float(text), points or 0)
-                    metrics.setdefault(name, value)
+                    value = wrong_tracks(float(text), points or 0) if metric.counts else text
+                    metrics.setdefault(metric.counts or metric.logged, float(value))
         if metrics:
             rows[row.key] = replace(row, n_points=points, metrics=metrics, spreads={})
     return Baseline("published numbers", "", tuple(rows.values()))
-
-
-def _published(metric: TableMetric, value: float, points: int) -> tuple[str, float]:
-    return (metric.counts, float(wrong_tracks(value, points))) if metric.counts else (metric.logged, value)
 
 
 def wrong_tracks(share: float, points: int) -> int:

@@ -21,31 +21,16 @@ class SameAs:
 
 @dataclass(frozen=True)
 class Method:
-    """A method's place in a table.
+    """A method's place in a table."""
 
-    Parameters
-    ----------
-    name : str
-        The method, as trials call it.
-    heading : str
-        Its LaTeX head in the paper's own table, "" for a column of ours.
-    printed, source : str
-        Its name and its table in ``reports/paper``, where they are not the method's and the layout's.
-    where : mapping
-        Dotted setting -> value of the trials that belong here, for a method that has several columns.
-    label : str
-        For readers; the method's by default.
-    metrics : tuple of TableMetric
-        The layout's by default.
-    """
-
-    name: str
-    heading: str = ""
-    printed: str = ""
-    source: str = ""
+    name: str  #: the method, as trials call it
+    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column of ours
+    printed: str = ""  #: its name in ``reports/paper``, where it is another one
+    source: str = ""  #: its table in ``reports/paper``, where it is not the layout's
     where: Mapping[str, Any] = field(default_factory=dict)
-    label: str = ""
-    metrics: tuple[TableMetric, ...] = ()
+    """Dotted setting -> value of the trials that belong here, for a method that has several columns."""
+    label: str = ""  #: for readers; the method's by default
+    metrics: tuple[TableMetric, ...] = ()  #: the layout's by default
 
     @property
     def key(self) -> str:
@@ -60,6 +45,11 @@ class Method:
             lookup(settings, path) == (lookup(settings, value.path) if isinstance(value, SameAs) else value)
             for path, value in self.where.items()
         )
+
+
+def columns(*names: str, metrics: tuple[TableMetric, ...] = ()) -> tuple[Method, ...]:
+    """Columns of methods that the paper's own table does not have."""
+    return tuple(Method(name, metrics=metrics) for name in names)
 
 
 def lookup(settings: Mapping[str, Any], path: str) -> Any:
@@ -80,44 +70,22 @@ class Pool:
 
 @dataclass(frozen=True)
 class Layout:
-    """A table as its paper prints it, with the columns that this project adds.
-
-    Parameters
-    ----------
-    title, caption : str
-        Plain text.
-    methods : tuple of Method
-        Columns from left to right; those with a heading make the paper's table.
-    metrics : tuple of TableMetric
-        Shown for every method that names none.
-    source : str
-        The published table (a key of ``nrsfm.reports.layouts.published.SOURCES``), "" for none.
-    points : str
-        The published table that says how many tracks there were, "" for none.
-    joiner : str
-        Between the names of a row's bodies; "" leaves dataset names as they are.
-    pools : mapping
-        Row -> the datasets that it pools. A dataset may count in several rows.
-    parts : Layout or None
-        For a table whose rows pool datasets: the layout of the same answers with a row for each dataset.
-    study : bool
-        Whether the trials are candidates: they are compared with the published numbers whatever their scene, and
-        claim to reproduce none.
-    notes : tuple of str
-        Notes that cannot be derived from the answers.
-    """
+    """A table as its paper prints it, with the columns that this project adds; title and caption are plain text."""
 
     title: str
     caption: str
-    methods: tuple[Method, ...] = ()
-    metrics: tuple[TableMetric, ...] = (E_3D, E_MS)
-    source: str = ""
-    points: str = ""
-    joiner: str = ""
+    methods: tuple[Method, ...] = ()  #: columns from left to right; those with a heading make the paper's table
+    metrics: tuple[TableMetric, ...] = (E_3D, E_MS)  #: shown for every method that names none
+    source: str = ""  #: the published table (a key of ``nrsfm.reports.layouts.published.SOURCES``), "" for none
+    points: str = ""  #: the published table that says how many tracks there were, "" for none
+    joiner: str = ""  #: between the names of a row's bodies; "" leaves dataset names as they are
     pools: Mapping[str, Pool] = field(default_factory=dict)
-    parts: Layout | None = None
+    """Row -> the datasets that it pools. A dataset may count in several rows."""
+    parts: Layout | None = None  #: where rows pool datasets: the layout of the same answers, a row for each dataset
     study: bool = False
-    notes: tuple[str, ...] = ()
+    """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
+    to reproduce none."""
+    notes: tuple[str, ...] = ()  #: notes that cannot be derived from the answers
 
     @property
     def datasets(self) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ def _off(pairs: Pairs) -> float:
 
 
 def _tracks(pairs: Pairs) -> float:
-    return float(sum(abs(m - p) for m, p in pairs))
+    return sum(abs(m - p) for m, p in pairs)
 
 
 #: Pools of measured numbers.
@@ -41,25 +41,12 @@ DISTANCES: Mapping[str, tuple[Callable[[Pairs], float], int]] = MappingProxyType
 
 @dataclass(frozen=True)
 class TableMetric:
-    """A metric as the columns of a table show it.
+    """A metric as the columns of a table show it."""
 
-    Parameters
-    ----------
-    logged : str
-        The logged metric, a key of :data:`~nrsfm.harness.evaluate.metrics.BY_NAME`.
-    published : str
-        Its name in ``reports/paper``; the logged name by default.
-    pool : str
-        What a row that pools datasets makes of their numbers: one of :data:`MEANS` or of :data:`DISTANCES`, or ""
-        where rows do not pool.
-    title : str
-        The label; the metric's own by default.
-    """
-
-    logged: str
-    published: str = ""
-    pool: str = ""
-    title: str = ""
+    logged: str  #: the logged metric, a key of :data:`~nrsfm.harness.evaluate.metrics.BY_NAME`
+    published: str = ""  #: its name in ``reports/paper``; the logged name by default
+    pool: str = ""  #: how a row pools its datasets' numbers: of :data:`MEANS` or :data:`DISTANCES`; "" where none does
+    title: str = ""  #: the label; the metric's own by default
 
     @property
     def metric(self) -> Metric:

@@ -18,31 +18,15 @@ from nrsfm.harness.record.errors import UsageError
 
 @dataclass(frozen=True)
 class Source:
-    """The layout of one file of published numbers.
+    """The layout of one file of published numbers."""
 
-    Parameters
-    ----------
-    file : str
-        Name in ``reports/paper``.
-    row : str
-        The column that names the dataset.
-    metric, value : str
-        Long files: the columns that name the metric and hold the number.
-    metrics : mapping
-        Wide files: metric -> its column.
-    methods : tuple of str
-        Files with a column a method; every number is then ``metric``.
-    points : str
-        The column with the number of tracks, where there is one.
-    """
-
-    file: str
-    row: str = "dataset"
-    metric: str = ""
-    value: str = ""
-    metrics: Mapping[str, str] = field(default_factory=dict)
-    methods: tuple[str, ...] = ()
-    points: str = ""
+    file: str  #: name in ``reports/paper``
+    row: str = "dataset"  #: the column that names the dataset
+    metric: str = ""  #: long files: the column that names the metric
+    value: str = ""  #: long files: the column that holds the number
+    metrics: Mapping[str, str] = field(default_factory=dict)  #: wide files: metric -> its column
+    methods: tuple[str, ...] = ()  #: files with a column a method; every number is then ``metric``
+    points: str = ""  #: the column with the number of tracks, where there is one
 
 
 _BOTH = MappingProxyType({"e_3d": "e_3d", "e_ms": "e_ms"})
@@ -56,22 +40,13 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
         "single_body": Source("single_body.csv", row="sequence", metric="metric", value="value", points="points"),
         "three_bodies": Source("three_bodies.csv", metric="metric", value="printed"),
         "pairs_followup": Source("pairs_followup.csv", metric="e_3d", methods=("pnd", "zhu", "spatio_temporal_2017")),
-        "hopkins155": Source(
-            "hopkins155.csv", row="motions", metrics={"mean": "mean_percent", "median": "median_percent"}
-        ),
+        "hopkins155": Source("hopkins155.csv", "motions", metrics={m: f"{m}_percent" for m in ("mean", "median")}),
     }
 )
 
 
 def printed(table: str, dataset: str, method: str, metric: str) -> str | None:
-    """The number as the paper prints it, or None where it prints none.
-
-    Parameters
-    ----------
-    table : str
-        A key of :data:`SOURCES`, e.g. ``table1``.
-    dataset, method, metric : str
-        E.g. ``dance_yoga``, ``ssc2d``, ``e_ms``.
+    """The number as the paper prints it, or None where it prints none, e.g. of table1, dance_yoga, ssc2d and e_ms.
 
     Raises
     ------

@@ -3,35 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
-from nrsfm.reports.layouts import published
-from nrsfm.reports.layouts.layout import Layout, Method, Pool, SameAs
-from nrsfm.reports.layouts.metrics import (
-    E_3D,
-    E_3D_ALIGNED,
-    E_3D_CAMERA,
-    E_3D_HIDDEN,
-    E_MS,
-    E_R,
-    EIGENGAP,
-    FOUND,
-    MEAN_3D,
-    MEAN_HIDDEN,
-    MEAN_TRACKS,
-    MISCOUNTED,
-    TableMetric,
-    pooled,
-)
-from nrsfm.reports.layouts.notes import ADAPTIVE, EIGENGAPS, FIXED, HIDDEN, SHARE
-from nrsfm.reports.layouts.pools import BODIES, HOPKINS
+from nrsfm.reports.layouts import metrics, notes, published
+from nrsfm.reports.layouts.layout import Layout, Method, Pool, SameAs, columns
+from nrsfm.reports.layouts.paper_tables import BODIES, HOPKINS
 
 #: Distances of a scene's eight pairs from the published numbers.
 FROM_TABLE2 = (
-    pooled(E_3D, "log ratio", title="e_3D, log ratio"),
-    pooled(E_3D, "> 10 % off", title="e_3D, pairs off"),
-    pooled(TableMetric("e_3d"), "log ratio", title="e_3D by the equation, log ratio"),
-    pooled(E_MS, "tracks off", title="e_MS, tracks off"),
+    metrics.pooled(metrics.E_3D, "log ratio", title="e_3D, log ratio"),
+    metrics.pooled(metrics.E_3D, "> 10 % off", title="e_3D, pairs off"),
+    metrics.pooled(metrics.TableMetric("e_3d"), "log ratio", title="e_3D by the equation, log ratio"),
+    metrics.pooled(metrics.E_MS, "tracks off", title="e_MS, tracks off"),
 )
 
 #: Settings of the block matrix method's rotation step as published.
@@ -44,132 +26,128 @@ SETTINGS = tuple(
     for whitening in ([0.7, 0.5], [0.5, 0.5], [0.7, 0.7])
 )
 
-STUDY_TABLES: Mapping[str, Layout] = MappingProxyType(
-    {
-        "rotation_ablation": Layout(
-            title="Single bodies, the rotation without one ingredient",
-            caption="The block matrix method with cameras from the tracks alone: its rotation step whole (trace-norm "
-            "start, refined, K as published) and with one choice changed.",
-            methods=tuple(
-                Method("bmm", where={**ROTATION, **changed}, label=label)
-                for label, changed in (
-                    ("whole", {}),
-                    ("K = 13", {"cameras.rank": 13}),
-                    ("not refined", {"cameras.refine": False}),
-                    ("rigid start", {"cameras.start": "rigid"}),
-                    ("rigid start, not refined", {"cameras.start": "rigid", "cameras.refine": False}),
-                )
-            ),
-            metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
-            source="single_body",
-            points="single_body",
-            study=True,
-            notes=(FIXED, "K = 13 is the most that 40 tracks allow, for the rotation alone; the shape keeps its own."),
+STUDY_TABLES: Mapping[str, Layout] = {
+    "rotation_ablation": Layout(
+        title="Single bodies, the rotation without one ingredient",
+        caption="The block matrix method with cameras from the tracks alone: its rotation step whole (trace-norm "
+        "start, refined, K as published) and with one choice changed.",
+        methods=tuple(
+            Method("bmm", where={**ROTATION, **changed}, label=label)
+            for label, changed in (
+                ("whole", {}),
+                ("K = 13", {"cameras.rank": 13}),
+                ("not refined", {"cameras.refine": False}),
+                ("rigid start", {"cameras.start": "rigid"}),
+                ("rigid start, not refined", {"cameras.start": "rigid", "cameras.refine": False}),
+            )
         ),
-        "scene_study": Layout(
-            title="Which scene is the paper's",
-            caption="Distance of the baselines from Tables 1 and 2 over the eight pairs, one candidate scene a row. "
-            "e_3D of BMM: root mean square of log(measured / printed), by e_3d_dai and by the paper's equation e_3d, "
-            "and the pairs that are off by more than 10 %. e_MS: sum over the pairs of |wrong tracks - printed wrong "
-            "tracks|; the pairs have 816 tracks.",
+        metrics=(metrics.E_R, metrics.E_3D_ALIGNED, metrics.E_3D_CAMERA),
+        source="single_body",
+        points="single_body",
+        study=True,
+        notes=(
+            notes.FIXED,
+            "K = 13 is the most that 40 tracks allow, for the rotation alone; the shape keeps its own.",
+        ),
+    ),
+    "scene_study": Layout(
+        title="Which scene is the paper's",
+        caption="Distance of the baselines from Tables 1 and 2 over the eight pairs, one candidate scene a row. "
+        "e_3D of BMM: root mean square of log(measured / printed), by e_3d_dai and by the paper's equation e_3d, "
+        "and the pairs that are off by more than 10 %. e_MS: sum over the pairs of |wrong tracks - printed wrong "
+        "tracks|; the pairs have 816 tracks.",
+        methods=(
+            Method("bmm_ssc3d", metrics=FROM_TABLE2),
+            Method("bmm_ssc3d_k6", printed="bmm_ssc3d", metrics=FROM_TABLE2),
+            Method("ssc2d", source="table1", metrics=FROM_TABLE2[-1:]),
+            Method("edsc", source="table1", metrics=FROM_TABLE2[-1:]),
+        ),
+        source="table2",
+        points="table1",
+        pools={"pairs": Pool("", published.datasets("table2"))},
+        parts=Layout(
+            "Pair by pair",
+            "",
             methods=(
-                Method("bmm_ssc3d", metrics=FROM_TABLE2),
-                Method("bmm_ssc3d_k6", printed="bmm_ssc3d", metrics=FROM_TABLE2),
-                Method("ssc2d", source="table1", metrics=FROM_TABLE2[-1:]),
-                Method("edsc", source="table1", metrics=FROM_TABLE2[-1:]),
+                Method("bmm_ssc3d"),
+                Method("bmm_ssc3d_k6", printed="bmm_ssc3d"),
+                Method("ssc2d", source="table1", metrics=(metrics.E_MS,)),
+                Method("edsc", source="table1", metrics=(metrics.E_MS,)),
             ),
-            source="table2",
-            points="table1",
-            pools={"pairs": Pool("", published.datasets("table2"))},
-            parts=Layout(
-                title="Pair by pair",
-                caption="",
-                methods=(
-                    Method("bmm_ssc3d"),
-                    Method("bmm_ssc3d_k6", printed="bmm_ssc3d"),
-                    Method("ssc2d", source="table1", metrics=(E_MS,)),
-                    Method("edsc", source="table1", metrics=(E_MS,)),
-                ),
-                source="table2",
-                points="table1",
-                joiner=" + ",
-                study=True,
-            ),
-            study=True,
-        ),
-        "rank_study": Layout(
-            title="Table 2 by the rank of the shape",
-            caption="e_3D of the block matrix method on the eight pairs, its structure cut to rank K, beside the "
-            "printed number of BMM + SSC(3D), which names no K.",
-            methods=tuple(
-                Method("bmm", printed="bmm_ssc3d", where={"method.rank": K}, label=f"K = {K}" if K else "not cut")
-                for K in (5, 6, 7, 11, 16, None)
-            ),
-            metrics=(E_3D,),
             source="table2",
             points="table1",
             joiner=" + ",
             study=True,
         ),
-        "ours_search": Layout(
-            title="The setting of ours",
-            caption="Wrong tracks of the eight pairs by the weight of the sparse code (l1) and the whitening, each for "
-            "clean and for noisy tracks.",
-            methods=SETTINGS,
-            metrics=(MEAN_TRACKS,),
-            pools={"pairs": BODIES["pairs"]},
-            parts=Layout("Pair by pair", "", methods=SETTINGS, metrics=(E_3D, E_MS)),
+        study=True,
+    ),
+    "rank_study": Layout(
+        title="Table 2 by the rank of the shape",
+        caption="e_3D of the block matrix method on the eight pairs, its structure cut to rank K, beside the "
+        "printed number of BMM + SSC(3D), which names no K.",
+        methods=tuple(
+            Method("bmm", printed="bmm_ssc3d", where={"method.rank": K}, label=f"K = {K}" if K else "not cut")
+            for K in (5, 6, 7, 11, 16, None)
         ),
-        "ablation": Layout(
-            title="What each ingredient is worth",
-            caption="The eight pairs, clean and with 1 per cent of noise, cameras known and from the tracks: means "
-            "over the pairs.",
-            methods=tuple(
-                Method(name)
-                for name in (
-                    *("ours", "ours_apart", "ours_no_nuclear", "ours_not_whitened"),
-                    *("ours_printed", "ours_printed_exact", "ours_printed_diag", "ours_printed_no_nuclear"),
-                    *("ssc2d_share70", "bmm_ssc3d_share70"),
-                )
-            ),
-            metrics=(MEAN_3D, MEAN_TRACKS),
-            pools={"pairs": BODIES["pairs"]},
-            parts=Layout("Pair by pair", ""),
-            notes=(ADAPTIVE, SHARE),
+        metrics=(metrics.E_3D,),
+        source="table2",
+        points="table1",
+        joiner=" + ",
+        study=True,
+    ),
+    "ours_search": Layout(
+        title="The setting of ours",
+        caption="Wrong tracks of the eight pairs by the weight of the sparse code (l1) and the whitening, each for "
+        "clean and for noisy tracks.",
+        methods=SETTINGS,
+        metrics=(metrics.MEAN_TRACKS,),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", "", methods=SETTINGS, metrics=(metrics.E_3D, metrics.E_MS)),
+    ),
+    "ablation": Layout(
+        title="What each ingredient is worth",
+        caption="The eight pairs, clean and with 1 per cent of noise, cameras known and from the tracks: means "
+        "over the pairs.",
+        methods=columns(
+            *("ours", "ours_apart", "ours_no_nuclear", "ours_not_whitened"),
+            *("ours_printed", "ours_printed_exact", "ours_printed_diag", "ours_printed_no_nuclear"),
+            *("ssc2d_share70", "bmm_ssc3d_share70"),
         ),
-        "gaps": Layout(
-            title="Missing observations",
-            caption="The eight pairs with 10, 20 and 30 % of the observations dropped: means over the pairs.",
-            methods=(
-                Method("ssc2d_share70", metrics=(MEAN_TRACKS,)),
-                Method("edsc", metrics=(MEAN_TRACKS,)),
-                Method("bmm_ssc3d_share70"),
-                Method("ours"),
-            ),
-            metrics=(MEAN_3D, MEAN_HIDDEN, MEAN_TRACKS),
-            pools={"pairs": BODIES["pairs"]},
-            parts=Layout("Pair by pair", "", metrics=(E_3D, E_3D_HIDDEN, E_MS)),
-            notes=(HIDDEN, ADAPTIVE),
+        metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", ""),
+        notes=(notes.ADAPTIVE, notes.SHARE),
+    ),
+    "gaps": Layout(
+        title="Missing observations",
+        caption="The eight pairs with 10, 20 and 30 % of the observations dropped: means over the pairs.",
+        methods=(
+            *columns("ssc2d_share70", "edsc", metrics=(metrics.MEAN_TRACKS,)),
+            *columns("bmm_ssc3d_share70", "ours"),
         ),
-        "count_bodies": Layout(
-            title="How many bodies",
-            caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "
-            "estimate the number.",
-            methods=tuple(Method(name) for name in ("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed")),
-            metrics=(MISCOUNTED, MEAN_TRACKS),
-            pools=BODIES,
-            parts=Layout("Scene by scene", "", metrics=(FOUND, EIGENGAP, E_MS)),
-            notes=(EIGENGAPS, SHARE, ADAPTIVE),
-        ),
-        "count_hopkins155": Layout(
-            title="How many motions",
-            caption="Share of the scenes of Hopkins155 whose number of motions a method gets wrong, and of wrong "
-            "tracks, when it has to estimate the number.",
-            methods=(Method("ssc_raw"), Method("edsc_raw")),
-            metrics=(MISCOUNTED, MEAN_TRACKS),
-            pools=HOPKINS,
-            parts=Layout("Scene by scene", "", metrics=(FOUND, EIGENGAP, E_MS)),
-            notes=(EIGENGAPS,),
-        ),
-    }
-)
+        metrics=(metrics.MEAN_3D, metrics.MEAN_HIDDEN, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_3D_HIDDEN, metrics.E_MS)),
+        notes=(notes.HIDDEN, notes.ADAPTIVE),
+    ),
+    "count_bodies": Layout(
+        title="How many bodies",
+        caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "
+        "estimate the number.",
+        methods=columns("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed"),
+        metrics=(metrics.MISCOUNTED, metrics.MEAN_TRACKS),
+        pools=BODIES,
+        parts=Layout("Scene by scene", "", metrics=(metrics.FOUND, metrics.EIGENGAP, metrics.E_MS)),
+        notes=(notes.EIGENGAPS, notes.SHARE, notes.ADAPTIVE),
+    ),
+    "count_hopkins155": Layout(
+        title="How many motions",
+        caption="Share of the scenes of Hopkins155 whose number of motions a method gets wrong, and of wrong "
+        "tracks, when it has to estimate the number.",
+        methods=columns("ssc_raw", "edsc_raw"),
+        metrics=(metrics.MISCOUNTED, metrics.MEAN_TRACKS),
+        pools=HOPKINS,
+        parts=Layout("Scene by scene", "", metrics=(metrics.FOUND, metrics.EIGENGAP, metrics.E_MS)),
+        notes=(notes.EIGENGAPS,),
+    ),
+}

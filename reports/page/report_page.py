@@ -21,23 +21,9 @@ def page(
     runs: Mapping[str, Tracked],
     fetch: Fetch,
 ) -> str:
-    """The page of some tables.
+    """The page of some tables and the runs behind them, by trial key; HTML that loads nothing from elsewhere.
 
-    Parameters
-    ----------
-    tables : sequence of Table
-    charts : sequence of Chart
-    judged : sequence of Judged
-        The claims.
-    runs : mapping
-        Trial key -> the tracked run, for every run that a cell names.
-    fetch : callable
-        Returns the arrays of a tracked run, empty if there are none.
-
-    Returns
-    -------
-    str
-        HTML that loads nothing from elsewhere. The same runs give the same text.
+    The same runs give the same text.
 
     Raises
     ------
@@ -45,10 +31,9 @@ def page(
         If plotly is not installed.
     """
     data, blobs = details(runs.values(), fetch, _viewed(tables))
-    drawn = {chart.name: chart.data(blobs) for chart in charts}
     return render_page(
         "report",
-        {"runs": data, "charts": drawn},
+        {"runs": data, "charts": {chart.name: chart.data(blobs) for chart in charts}},
         blobs,
         tables=tables,
         charts=charts,

@@ -26,20 +26,9 @@ FRAMES, POINTS = 100, 1000  # the most that a 3D view shows, evenly taken
 
 
 def details(runs: Iterable[Tracked], fetch: Fetch, viewed: Iterable[str]) -> tuple[dict[str, Any], Blobs]:
-    """All data of each run, by trial key.
+    """All data of each run, by trial key, and the arrays that they name.
 
-    Parameters
-    ----------
-    runs : iterable of Tracked
-    fetch : callable
-        Returns a run's arrays.
-    viewed : iterable of str
-        Keys of the runs whose arrays are shown: curves, affinity, and a 3D view where the truth is known.
-
-    Returns
-    -------
-    dict, Blobs
-        Plain data, and the arrays that it names.
+    The arrays of ``viewed`` runs are shown: curves, affinity, and a 3D view where the truth is known.
     """
     by_key, views = {run.outcome.key: run for run in runs}, set(viewed)
     with_view = [run for key, run in by_key.items() if key in views and "e_3d" in run.outcome.metrics]

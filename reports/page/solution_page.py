@@ -24,45 +24,22 @@ SMALL = 1500  # points, above which markers are small
 
 @dataclass(frozen=True)
 class Shown:
-    """The contents of the page.
-
-    Parameters
-    ----------
-    title : str
-    facts : sequence of (name, value)
-    structure, truth : (F, 3, P) array or None
-        In the same axes and units.
-    cameras : (F, 2, 3) array or None
-        For the direction of view.
-    labels : (P,) int array or None
-    bodies : sequence of str
-        Names of the labels.
-    wrong : (P,) bool array or None
-        Tracks whose label is not the true one.
-    ids, frames : sequence of str
-        Names of tracks and frames.
-    edges : (E, 2) int array
-    affinity : (P, P) array, sparse array or None
-    history : mapping
-        Curves of the method by iteration.
-    errors : (F,) array or None
-        e_3D of each frame.
-    """
+    """The contents of the page."""
 
     title: str
-    facts: Sequence[tuple[str, str]]
-    ids: Sequence[str]
-    frames: Sequence[str]
-    structure: NDArray[Any] | None = None
-    truth: NDArray[Any] | None = None
-    cameras: NDArray[Any] | None = None
-    labels: NDArray[Any] | None = None
-    bodies: Sequence[str] = ()
-    wrong: NDArray[np.bool_] | None = None
-    edges: NDArray[Any] | None = None
-    affinity: Any = None
-    history: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    errors: NDArray[Any] | None = None
+    facts: Sequence[tuple[str, str]]  #: names and values
+    ids: Sequence[str]  #: names of the tracks
+    frames: Sequence[str]  #: names of the frames
+    structure: NDArray[Any] | None = None  #: (F, 3, P)
+    truth: NDArray[Any] | None = None  #: (F, 3, P), in the same axes and units
+    cameras: NDArray[Any] | None = None  #: (F, 2, 3), for the direction of view
+    labels: NDArray[Any] | None = None  #: (P,)
+    bodies: Sequence[str] = ()  #: names of the labels
+    wrong: NDArray[np.bool_] | None = None  #: (P,), whether a track's label is not the true one
+    edges: NDArray[Any] | None = None  #: (E, 2)
+    affinity: Any = None  #: (P, P) array or sparse array
+    history: Mapping[str, NDArray[Any]] = field(default_factory=dict)  #: curves of the method by iteration
+    errors: NDArray[Any] | None = None  #: (F,), e_3D of each frame
 
 
 def view(shown: Shown) -> str:
@@ -98,7 +75,8 @@ def _view(shown: Shown, S: NDArray[Any], blobs: Blobs) -> tuple[dict[str, Any], 
     frames = int(np.clip(BUDGET // (6 * copies * len(points)), 8, FRAMES))
     eye = np.array([1.0, -2.1, 0.6])
     if shown.cameras is not None:
-        facing = _facing(shown.cameras[0])
+        right, up = shown.cameras[0]
+        facing = np.stack([right, np.cross(up, right), up])  # x to the right, y into the depth, z upwards
         if shown.truth is None:
             S = facing @ S
         else:
@@ -115,12 +93,6 @@ def _view(shown: Shown, S: NDArray[Any], blobs: Blobs) -> tuple[dict[str, Any], 
     parts = [(len(range(0, F, step)), F, "frames"), (len(points), P, "tracks")]
     left_out = " and ".join(f"{some} of {whole} {name}" for some, whole, name in parts if some < whole)
     return data, f"The view shows {left_out}, evenly taken; the files hold all." if left_out else ""
-
-
-def _facing(camera: NDArray[Any]) -> NDArray[Any]:
-    """The rotation (3, 3) into axes of an image: x to the right, y into the depth, z upwards."""
-    right, up = camera
-    return np.stack([right, np.cross(up, right), up])
 
 
 def _body_labels(shown: Shown) -> dict[int, str]:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.reports.figures.page_data import Blobs
 from nrsfm.reports.figures.style import COLOURS
-from nrsfm.reports.formats.documents import html_environment
+from nrsfm.reports.formats.documents import HTML
 
 LIBRARY = "package_data/plotly.min.js"
 
@@ -26,16 +26,12 @@ def render_page(name: str, data: dict[str, Any], blobs: Blobs, **context: Any) -
     UsageError
         If plotly is not installed.
     """
-    return (
-        html_environment()
-        .get_template(f"{name}.html.j2")
-        .render(
-            page=True,
-            data=script_json({**data, "blobs": blobs.held, "colours": COLOURS}),
-            library=Markup(plotly()),
-            script=Markup("\n").join(map(_script, ("player.js", f"{name}.js"))),
-            **context,
-        )
+    return HTML.get_template(f"{name}.html.j2").render(
+        page=True,
+        data=script_json({**data, "blobs": blobs.held, "colours": COLOURS}),
+        library=Markup(plotly()),
+        script=Markup("\n").join(map(_script, ("player.js", f"{name}.js"))),
+        **context,
     )
 
 

@@ -24,17 +24,9 @@ def view_data(
     frames: int,
     points: int,
 ) -> dict[str, Any]:
-    """Positions, labels, wrong tracks and edges of at most so many frames and points, evenly taken.
+    """Positions, labels (P,), wrong tracks (P,) and edges (E, 2) of at most so many frames and points, evenly taken.
 
-    Parameters
-    ----------
-    blobs : Blobs
-        Takes the positions.
-    structure, truth : (F, 3, P) array
-        In the same axes; the truth may be None.
-    labels, wrong : (P,) array or None
-    edges : (E, 2) array or None
-        Left out where points are.
+    Structure and truth are (F, 3, P), in the same axes. Edges are left out where points are.
     """
     F, _, P = structure.shape
     step, shown = -(-F // frames), evenly(P, points)
@@ -59,21 +51,13 @@ def plot_data(
     affinity: Any,
     truth: NDArray[Any] | None,
 ) -> dict[str, Any]:
-    """Curves by iteration, errors by frame, and the affinity with its tracks sorted by the labels ``truth``.
+    """Curves by iteration, errors (F,) by frame, and the affinity (P, P), its tracks sorted by ``truth`` (P,).
 
-    Parameters
-    ----------
-    history : mapping
-        ``history_NAME`` -> a value for each iteration, among other arrays.
-    errors : (F,) array or None
-    affinity : (P, P) array, sparse array or None
-    truth : (P,) array or None
+    ``history_NAME`` holds a value for each iteration; other arrays are ignored.
     """
+    curves = thinned(history).items()
     data: dict[str, Any] = {
-        "curves": {
-            name: {"x": steps.tolist(), "y": rounded(values.tolist())}
-            for name, (steps, values) in thinned(history).items()
-        }
+        "curves": {name: {"x": steps.tolist(), "y": rounded(values.tolist())} for name, (steps, values) in curves}
     }
     if errors is not None:
         data["frames"] = rounded(errors.tolist())

@@ -40,8 +40,8 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     Returns
     -------
     Table
-        The paper's rows in its order, whether they have trials or not, then the others. Methods that the layout does
-        not have get columns on the right.
+        The paper's rows in its order, with trials or without, then the others. Methods that the layout does not have
+        get columns on the right.
 
     Raises
     ------
@@ -174,19 +174,15 @@ def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: 
         return replace(cell, reason=f"{metric.counts} or n_points not logged")
     if published_points and cell.points and cell.points != published_points:
         return replace(cell, reason=f"measured on {cell.points} tracks, published on {published_points}")
-    distance, scale = _distance(cell, metric)
+    published = float(cell.published)
+    if metric.counts:
+        distance, scale = (cell.wrong or 0.0) - wrong_tracks(published, cell.points or 0), 1.0
+    else:
+        distance, scale = (cell.measured or 0.0) - published, 1.0 if metric.percent else published
     slack = metric.tolerance * scale + 1e-12
     worse = distance > 0 if metric.metric.better == "lower" else distance < 0
     verdict = Verdict.REPRODUCED if abs(distance) <= slack else Verdict.WORSE if worse else Verdict.BETTER
     return replace(cell, difference=distance / scale if scale else None, verdict=verdict)
-
-
-def _distance(cell: Cell, metric: TableMetric) -> tuple[float, float]:
-    """Measured minus published, and the unit of its tolerance: a track, a point, or the published number itself."""
-    published = float(cell.published or 0)
-    if metric.counts:
-        return (cell.wrong or 0.0) - wrong_tracks(published, cell.points or 0), 1.0
-    return (cell.measured or 0.0) - published, 1.0 if metric.percent else published
 
 
 def _missing(run: Tracked | None, metric: TableMetric) -> str:
@@ -256,16 +252,15 @@ def _means(rows: tuple[Row, ...], columns: tuple[Column, ...]) -> tuple[Row, ...
 
 
 def _mean_cell(cells: Sequence[Cell], stand_in: bool) -> Cell:
-    measured = [cell.measured for cell in cells if cell.measured is not None]
+    measured, published, beside, wrong, points = (
+        [value for cell in cells if (value := getattr(cell, name)) is not None]
+        for name in ("measured", "published", "beside", "wrong", "points")
+    )
     if not measured:
         return Cell(reason="no row measured", stand_in=stand_in)
-    published = [float(cell.published) for cell in cells if cell.published is not None]
-    beside = [cell.beside for cell in cells if cell.beside is not None]
-    wrong = [cell.wrong for cell in cells if cell.wrong is not None]
-    points = [cell.points for cell in cells if cell.points is not None]
     whole = len(cells)
     return Cell(
-        published=number(statistics.fmean(published)) if len(published) == whole and not stand_in else None,
+        published=number(statistics.fmean(map(float, published))) if len(published) == whole and not stand_in else None,
         measured=statistics.fmean(measured),
         count=whole,
         beside=statistics.fmean(beside) if len(beside) == whole else None,

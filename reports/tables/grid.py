@@ -37,28 +37,20 @@ class Grid:
 
 
 def grid(answers: Sequence[Answer], design: Layout) -> Grid:
-    """Sort answers into the rows of a table and its methods.
-
-    Parameters
-    ----------
-    answers : sequence of (Trial, Tracked or None)
-        Trials, and the run that answers each.
-    design : Layout
-        All of its rows appear before any other, whether they have trials or not.
-
-    Returns
-    -------
-    Grid
-    """
+    """Sort answers into the rows of a table and its methods; the layout's rows come first, with trials or without."""
     places = [_place(trial, design) for trial, _ in answers]
-    real, generated = _kinds(answers, places)
+    kinds: dict[Place, set[bool | None]] = {}
+    for (_, run), place in zip(answers, places, strict=True):
+        kinds.setdefault(place, set()).add(_stand_in(run))
     found: dict[RowKey, dict[str, list[Answer]]] = {}
     methods: dict[str, Method] = {}
     for answer, place in zip(answers, places, strict=True):
         dataset, setting = place
         method = design.method(asdict(answer[0]))
         methods.setdefault(method.key, method)
-        stand_in = _stand_in(answer[1], only=place in generated and place not in real)
+        stand_in = _stand_in(answer[1])
+        if stand_in is None:  # it goes with its row
+            stand_in = kinds[place] - {None} == {True}
         for row in design.rows(dataset):
             found.setdefault(RowKey(row, setting, stand_in), {}).setdefault(method.key, []).append(answer)
     settings = list(dict.fromkeys(key.setting for key in found))
@@ -85,22 +77,10 @@ def repeats(answers: Sequence[Answer], pooled: bool = False) -> list[list[Answer
     return [list(group.values()) for group in groups.values()]
 
 
-def _kinds(answers: Sequence[Answer], places: Sequence[Place]) -> tuple[set[Place], set[Place]]:
-    """Places with finished runs on real data, and places with runs on generated data."""
-    real, generated = set(), set()
-    for (_, run), place in zip(answers, places, strict=True):
-        if run is not None and run.outcome.stand_in:
-            generated.add(place)
-        elif run is not None and run.outcome.status == OK:
-            real.add(place)
-    return real, generated
-
-
-def _stand_in(run: Tracked | None, only: bool) -> bool:
-    """Whether a run is on generated data; one that did not finish may not know, and goes with its row."""
-    if run is not None and (run.outcome.stand_in or run.outcome.status == OK):
-        return run.outcome.stand_in
-    return only
+def _stand_in(run: Tracked | None) -> bool | None:
+    """Whether a run is on generated data; None for one that did not finish and may not know."""
+    known = run is not None and (run.outcome.stand_in or run.outcome.status == OK)
+    return run.outcome.stand_in if run is not None and known else None
 
 
 def _place(trial: Trial, design: Layout) -> Place:

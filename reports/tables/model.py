@@ -36,43 +36,28 @@ LEGEND = ", ".join(f"{v.symbol} {v.text}" for v in Verdict)
 
 @dataclass(frozen=True)
 class Setting:
-    """The setting of a row: what the rows of a table have in common or differ in.
-
-    Parameters
-    ----------
-    cameras, placement, motion : str
-        The scene's choices; "" where columns differ in them.
-    scene : str
-        Other settings of the scene that are not the defaults.
-    level : float
-        Noise, as a share of the largest image coordinate.
-    gaps : str
-        Observations dropped: kind and share.
-    bodies : int, "auto" or None
-        Number of clusters, where it is not the scene's number of bodies.
-    """
+    """The setting of a row: what the rows of a table have in common or differ in. "" where columns differ in it."""
 
     cameras: str = "known"
     placement: str = "paper"
     motion: str = "registered"
-    scene: str = ""
-    level: float = 0.0
-    gaps: str = ""
-    bodies: int | str | None = None
+    scene: str = ""  #: other settings of the scene that are not the defaults
+    level: float = 0.0  #: noise, as a share of the largest image coordinate
+    gaps: str = ""  #: observations dropped: kind and share
+    bodies: int | str | None = None  #: number of clusters, or "auto", where it is not the scene's number of bodies
 
     def words(self, names: tuple[str, ...] = ()) -> str:
         """``cameras known, placement paper, ...``: all fields, or those with the given names."""
         parts = []
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if names and f.name not in names:
+        for name, value in vars(self).items():
+            if names and name not in names:
                 continue
-            if f.name == "level":
+            if name == "level":
                 parts.append(f"noise {value:g}" if value else "no noise")
-            elif f.name == "gaps" and names and not value:
+            elif name == "gaps" and names and not value:
                 parts.append("no gaps")
             elif value not in (None, ""):
-                parts.append(value if f.name == "scene" else f"{f.name} {value}")
+                parts.append(value if name == "scene" else f"{name} {value}")
         return ", ".join(parts)
 
     @property
@@ -97,7 +82,7 @@ class Run:
         try:
             parts = urlsplit(uri)
         except ValueError:
-            return cls(run_id, trial_key)
+            parts = urlsplit("")
         if parts.scheme not in ("http", "https") or not parts.hostname:
             return cls(run_id, trial_key)
         home = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
@@ -106,47 +91,23 @@ class Run:
 
 @dataclass(frozen=True)
 class Cell:
-    """The number of one method for one metric in one row.
+    """The number of one method for one metric in one row."""
 
-    Parameters
-    ----------
-    published : str or None
-        As printed; in rows of means, the mean of the printed numbers.
-    measured, std, count : float, float, int
-        Mean of the runs, their sample standard deviation (two runs and more) and their number.
-    beside : float or None
-        The metric's second measured number.
-    wrong, points : float, int
-        Wrong tracks, of how many.
-    difference : float or None
-        Measured minus published, in the metric's unit.
-    verdict, reason : Verdict, str
-        Why there is no number, or no verdict.
-    best, best_printed : bool
-        Best of the row, ties too: among all columns, and among the paper's.
-    stand_in : bool
-        Measured on generated data.
-    runs : tuple of Run
-        The runs behind the number; for rows that pool datasets they are in the table's parts.
-    digits : int
-        Decimals that are printed.
-    """
-
-    published: str | None = None
-    measured: float | None = None
-    std: float | None = None
-    count: int = 0
-    beside: float | None = None
-    wrong: float | None = None
-    points: int | None = None
-    difference: float | None = None
+    published: str | None = None  #: as printed; in rows of means, the mean of the printed numbers
+    measured: float | None = None  #: mean of the runs
+    std: float | None = None  #: sample standard deviation of two runs and more
+    count: int = 0  #: number of runs
+    beside: float | None = None  #: the metric's second measured number
+    wrong: float | None = None  #: wrong tracks
+    points: int | None = None  #: all tracks
+    difference: float | None = None  #: measured minus published, in the metric's unit
     verdict: Verdict = Verdict.NONE
-    reason: str = ""
-    best: bool = False
-    best_printed: bool = False
-    stand_in: bool = False
-    runs: tuple[Run, ...] = ()
-    digits: int = DIGITS
+    reason: str = ""  #: why there is no number, or no verdict
+    best: bool = False  #: best of the row, ties too
+    best_printed: bool = False  #: best among the paper's columns
+    stand_in: bool = False  #: measured on generated data
+    runs: tuple[Run, ...] = ()  #: behind the number; for rows that pool datasets they are in the table's parts
+    digits: int = DIGITS  #: decimals that are printed
 
 
 @dataclass(frozen=True)
@@ -181,32 +142,18 @@ class Note:
 
 @dataclass(frozen=True)
 class Paired:
-    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test.
+    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test."""
 
-    Parameters
-    ----------
-    method, label, metric : str
-        The other method and the error compared.
-    setting : str
-        What the rows share, where the table holds several settings.
-    rows, better, worse : int
-        Rows compared, and on how many ours is lower and higher.
-    median : float
-        Of ours minus the other, in the table's numbers.
-    p, corrected : float
-        Two-sided, and corrected for the other tests of the same metric and setting.
-    """
-
-    method: str
+    method: str  #: the other method
     label: str
-    metric: str
-    setting: str
-    rows: int
-    better: int
-    worse: int
-    median: float
-    p: float
-    corrected: float = 1.0
+    metric: str  #: the error compared
+    setting: str  #: what the rows share, where the table holds several settings
+    rows: int  #: compared
+    better: int  #: rows on which ours is lower
+    worse: int  #: rows on which ours is higher
+    median: float  #: of ours minus the other, in the table's numbers
+    p: float  #: two-sided
+    corrected: float = 1.0  #: for the other tests of the same metric and setting
 
     @property
     def text(self) -> str:
@@ -220,38 +167,18 @@ class Paired:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with everything that its formats print.
+    """A table with everything that its formats print; title and caption are plain text."""
 
-    Parameters
-    ----------
-    name : str
-        Stem of its files.
-    title, caption : str
-        Plain text.
-    columns, rows : tuple
-        ``rows[i].cells[j]`` belongs to ``columns[j]``.
-    means : tuple of Row
-        Column means, one row for each kind of data and setting.
-    notes : tuple of Note
-        Loud ones first.
-    parts : Table or None
-        For rows that pool datasets: the same answers with a row for each dataset.
-    study : bool
-        Whether the columns are candidates, which claim to reproduce nothing.
-    tests : tuple of Paired
-        Ours against each method over the rows.
-    """
-
-    name: str
+    name: str  #: stem of its files
     title: str
     caption: str
     columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
-    means: tuple[Row, ...]
-    notes: tuple[Note, ...]
-    parts: Table | None = None
-    study: bool = False
-    tests: tuple[Paired, ...] = ()
+    rows: tuple[Row, ...]  #: ``rows[i].cells[j]`` belongs to ``columns[j]``
+    means: tuple[Row, ...]  #: column means, one row for each kind of data and setting
+    notes: tuple[Note, ...]  #: loud ones first
+    parts: Table | None = None  #: for rows that pool datasets: the same answers with a row for each dataset
+    study: bool = False  #: whether the columns are candidates, which claim to reproduce nothing
+    tests: tuple[Paired, ...] = ()  #: ours against each method over the rows
 
     @property
     def layers(self) -> tuple[Table, ...]:
@@ -265,10 +192,8 @@ class Table:
     @property
     def methods(self) -> Mapping[str, tuple[Column, ...]]:
         """The columns of every method, left to right."""
-        by_method: dict[str, tuple[Column, ...]] = {}
-        for column in self.columns:
-            by_method[column.method] = (*by_method.get(column.method, ()), column)
-        return by_method
+        names = dict.fromkeys(column.method for column in self.columns)
+        return {name: tuple(column for column in self.columns if column.method == name) for name in names}
 
     @property
     def printed(self) -> bool:
@@ -293,8 +218,7 @@ class Table:
     @property
     def counts(self) -> tuple[int, int, int, int, int]:
         """Published numbers: all, reproduced, better, worse, not judged."""
-        verdicts = self.verdicts
-        reproduced, better, worse = (verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
+        reproduced, better, worse = (self.verdicts[v] for v in (Verdict.REPRODUCED, Verdict.BETTER, Verdict.WORSE))
         return self.published, reproduced, better, worse, self.published - reproduced - better - worse
 
     @property
@@ -307,16 +231,14 @@ class Table:
         """One line: how many published numbers were reproduced, not reproduced, and not judged."""
         cells = [cell for _, _, cell in self.cells()]
         printed, reproduced, better, worse, rest = self.counts
-        parts = [
-            f"{reproduced} of {printed} published numbers reproduced",
-            f"{better + worse} not ({better} better, {worse} worse)",
-            f"{rest} not judged",
-        ]
-        if self.study and printed:
-            parts = [f"{reproduced} of {printed} candidates' numbers as published"]
-        elif not printed:
-            parts = ["no published numbers"]
-        parts.append(f"{sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured")
+        if not printed:
+            words = "no published numbers"
+        elif self.study:
+            words = f"{reproduced} of {printed} candidates' numbers as published"
+        else:
+            words = f"{reproduced} of {printed} published numbers reproduced, {better + worse} not ({better} better, "
+            words += f"{worse} worse), {rest} not judged"
+        words += f", {sum(cell.measured is not None for cell in cells)} of {len(cells)} cells measured"
         if stand_ins := sum(cell.stand_in and cell.measured is not None for cell in cells):
-            parts.append(f"{stand_ins} of them on stand-ins and not compared")
-        return f"{self.title}: " + ", ".join(parts) + "."
+            words += f", {stand_ins} of them on stand-ins and not compared"
+        return f"{self.title}: {words}."

@@ -27,7 +27,7 @@ STAND_IN = (
 
 def remarks(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...], answers: Grid) -> tuple[Note, ...]:
     """All notes of a table, loud ones first."""
-    notes = [*_warnings(design, columns, rows, answers), *_settings(answers), *_methods(columns, answers)]
+    notes = [*_warnings(design, columns, rows, answers), *_settings(columns, answers)]
     metrics = dict.fromkeys(column.metric for column in columns)
     meanings = (text for metric in metrics for text in _meaning(metric, bool(design.source)))
     notes += [Note(text) for text in dict.fromkeys(meanings)]
@@ -79,25 +79,17 @@ def _environments(runs: Mapping[str, Outcome]) -> Iterator[Note]:
         )
 
 
-def _settings(answers: Grid) -> Iterator[Note]:
-    """Notes on the settings, scenes, cameras and noise that the rows share."""
+def _settings(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
+    """Notes on the settings, scenes, cameras and noise that the rows share, and each method's parameters."""
     trials = [trial for cells in answers.rows.values() for group in cells.values() for trial, _ in group]
     if len(answers.settings) == 1 and trials:
         yield Note(f"Setting: {answers.settings[0].words()}.")
-    for title, groups in (
-        ("Scenes", [_flat(trial.dataset) for trial in trials]),
-        ("Cameras", [_flat(trial.cameras) for trial in trials]),
-        ("Noise", [_flat(trial.noise) for trial in trials]),
-    ):
-        if shared := _shared(groups):
+    for title, name in (("Scenes", "dataset"), ("Cameras", "cameras"), ("Noise", "noise")):
+        if shared := _shared([_flat(getattr(trial, name)) for trial in trials]):
             yield Note(f"{title}: {shared}.")
-
-
-def _methods(columns: tuple[Column, ...], answers: Grid) -> Iterator[Note]:
-    """A note for each method: the parameters that it has in every row."""
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
-        trials: list[Trial] = [trial for cells in answers.rows.values() for trial, _ in cells.get(method, [])]
-        if shared := _shared([_flat(trial.method) for trial in trials]):
+        groups = [_flat(trial.method) for cells in answers.rows.values() for trial, _ in cells.get(method, [])]
+        if shared := _shared(groups):
             yield Note(f"{label}: {shared}.")
 
 

@@ -78,9 +78,8 @@ def signed_rank(differences: NDArray[np.float64]) -> float:
 def holm(family: Iterable[Paired]) -> list[Paired]:
     """A family of tests with p-values corrected by Holm's step-down rule, in the order given."""
     tests = list(family)
-    corrected = np.ones(len(tests))
-    running = 0.0
-    for step, i in enumerate(sorted(range(len(tests)), key=lambda i: tests[i].p)):
-        running = max(running, (len(tests) - step) * tests[i].p)
-        corrected[i] = min(1.0, running)
-    return [replace(test, corrected=float(p)) for test, p in zip(tests, corrected, strict=True)]
+    p = np.array([test.p for test in tests])
+    order = np.argsort(p, kind="stable")
+    corrected = np.empty(len(p))
+    corrected[order] = np.minimum(1, np.maximum.accumulate(np.arange(len(p), 0, -1) * p[order]))
+    return [replace(test, corrected=float(value)) for test, value in zip(tests, corrected, strict=True)]
