@@ -45,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
         gate = Gate((paper,))
     else:
         raise UsageError(f"compare.against is {against!r}, wanted blessed or published")
-    for comparison in (*gate.informing, *gate.blocking):
+    for comparison in gate.comparisons:
         show(comparison, everything=options.all)
     for name, text_of in FORMATS.items():
         if path := getattr(options, name):

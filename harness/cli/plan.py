@@ -107,8 +107,8 @@ def _lines(plan: Plan) -> Iterator[str]:
         said = said if plan.known else []
         if plan.unknown:
             said.append(f"{_trials(plan.unknown)} of unknown length")
-        if plan.memory_mb:
-            said.append(f"at most {size_words(plan.memory_mb)} of memory a trial")
+        if plan.memories[0]:
+            said.append(f"at most {size_words(plan.memories[0])} of memory a trial")
         if plan.known:
             said.append(f"{size_words(plan.disk_mb)} of disk, {size_words(plan.free_mb)} are free")
         yield f"To run: {len(plan.to_run)}. Expected: {'; '.join(said) or 'nothing that can run'}."
@@ -131,7 +131,7 @@ def _plain(plan: Plan) -> dict[str, Any]:
         "cores": cores(),
         "wall_seconds": round(plan.wall_seconds, 2),
         "cpu_seconds": round(plan.cpu_seconds, 2),
-        "memory_mb": round(plan.memory_mb, 1),
+        "memory_mb": round(plan.memories[0], 1),
         "disk_mb": round(plan.disk_mb, 2),
         "free_mb": round(plan.free_mb),
         "warnings": list(plan.warnings),

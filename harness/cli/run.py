@@ -86,7 +86,7 @@ def _show(options: argparse.Namespace) -> int:
 
     from nrsfm.harness.config.address import shown
     from nrsfm.harness.config.compose import hydra_errors
-    from nrsfm.harness.sweep.application import call_hydra
+    from nrsfm.harness.sweep.launcher import call_hydra
 
     words = [] if options.hydra_help else list(options.overrides)
     for flag in ("cfg", "info", "package", "config_dir"):

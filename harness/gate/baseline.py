@@ -9,15 +9,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from nrsfm.harness.gate.schema import SCHEMA, BaselineFile, Cell, is_date, parse, read_file
+from nrsfm.harness.gate.schema import LARGEST_FILE, SCHEMA, Cell, is_date, parse
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.outcome import OK, Outcome
+from nrsfm.harness.record.untrusted import read_bounded
 
 BLESSED = ("n_wrong", "e_3d", "e_3d_total", "e_3d_centred", "e_3d_procrustes", "e_3d_dai", "e_r")
 """Metrics that a baseline keeps; ``n_wrong``, a count of tracks, in place of the share e_ms, which would be rounded."""
 
-Key = tuple[str, str, str, str, str, float, str, bool]
+WHERE = ("dataset", "method", "cameras", "placement", "motion", "level", "gaps", "stand_in")
+"""Fields that tell rows from each other."""
+
+Key = tuple[Any, ...]
 
 
 def rounded(value: float) -> float:
@@ -29,20 +33,9 @@ def rounded(value: float) -> float:
 class Blessed:
     """A row of a baseline: one method on one scene, each metric averaged over the noise draws.
 
-    Parameters
-    ----------
-    dataset, method, cameras, placement, motion, level, gaps
-        As in :class:`nrsfm.harness.record.outcome.Outcome`.
-    stand_in : bool
-        Whether it was measured on generated data, which is never compared with real data.
-    status : str
-        ``ok``, or the status of a draw that did not finish; only ``ok`` rows have metrics.
-    n_points : int or None
-        Tracks of the scene.
-    metrics, spreads : dict
-        Means and sample standard deviations over the draws, to six significant digits.
-    trials : tuple of str
-        Trial keys of the draws.
+    The first fields are those of :class:`nrsfm.harness.record.outcome.Outcome`; ``status`` is that of a draw that did
+    not finish, if there is one, and then there are no metrics. ``metrics`` and ``spreads`` are means and sample
+    standard deviations over the draws, to six significant digits; ``trials`` are the keys of the draws.
     """
 
     dataset: str
@@ -62,8 +55,7 @@ class Blessed:
     @property
     def key(self) -> Key:
         """Identity of the row; real and generated data make two rows."""
-        words = (self.dataset, self.method, self.cameras, self.placement, self.motion)
-        return (*words, self.level, self.gaps, self.stand_in)
+        return tuple(getattr(self, name) for name in WHERE)
 
     @property
     def other(self) -> Key:
@@ -88,14 +80,7 @@ class Blessed:
             names = [name for name in first.metrics if all(name in o.metrics for o in draws)]
             values = {n: [o.metrics[n] for o in draws] for n in names if metrics is None or n in metrics}
         return cls(
-            dataset=first.dataset,
-            method=first.method,
-            cameras=first.cameras,
-            placement=first.placement,
-            motion=first.motion,
-            level=float(first.level),
-            gaps=first.gaps,
-            stand_in=first.stand_in,
+            **{name: getattr(first, name) for name in WHERE},
             status=status,
             n_points=first.n_points if len({o.n_points for o in draws}) == 1 else None,
             metrics={name: rounded(statistics.fmean(v)) for name, v in values.items()},
@@ -106,25 +91,22 @@ class Blessed:
     @classmethod
     def of_cell(cls, cell: Cell) -> Blessed:
         """A row with the one metric of a cell."""
-        numbers = {"metric", "value", "spread", "count", "trials"}
-        return cls(
-            **cell.model_dump(exclude=numbers),
-            metrics={} if cell.metric is None or cell.value is None else {cell.metric: cell.value},
-            spreads={} if cell.metric is None or cell.spread is None else {cell.metric: cell.spread},
-            trials=tuple(cell.trials),
-        )
+        fields = cell.model_dump()
+        metric, value, spread, trials = (fields.pop(name) for name in ("metric", "value", "spread", "trials"))
+        del fields["count"]
+        numbers = ({}, {}) if metric is None else ({metric: value}, {metric: spread})
+        return cls(**fields, metrics=numbers[0], spreads=numbers[1], trials=tuple(trials))
 
     def cells(self) -> list[dict[str, Any]]:
         """The row as it stands in the file: a flat record a metric, or one without a number if it did not finish."""
-        names = ("dataset", "method", "cameras", "placement", "motion", "level", "stand_in", "status", "n_points")
-        shared = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        names = [name for name in WHERE if name != "gaps"]
+        shared = {name: getattr(self, name) for name in (*names, "status", "n_points")}
+        shared = {name: value for name, value in shared.items() if value is not None}
         shared |= {"gaps": self.gaps} if self.gaps else {}
         behind = {"count": len(self.trials), "trials": list(self.trials)}
-        numbers = [
-            {"metric": name, "value": value, "spread": self.spreads.get(name, 0.0)}
-            for name, value in sorted(self.metrics.items())
-        ]
-        return [shared | number | behind for number in numbers or [{}]]
+        numbers = sorted(self.metrics.items())
+        cells = [{"metric": name, "value": value, "spread": self.spreads.get(name, 0.0)} for name, value in numbers]
+        return [shared | cell | behind for cell in cells or [{}]]
 
 
 @dataclass(frozen=True)
@@ -138,24 +120,21 @@ class Baseline:
 
     def to_json(self) -> str:
         """The file's text: a line a cell, sorted, so that the same rows give the same bytes and a diff shows cells."""
-        head = {
-            "schema": SCHEMA,
-            "reason": self.reason,
-            "date": self.date,
-            "history": [{"date": date, "reason": reason} for date, reason in self.history],
-        }
+        history = [{"date": date, "reason": reason} for date, reason in self.history]
+        head = {"schema": SCHEMA, "reason": self.reason, "date": self.date, "history": history}
         cells = [cell for row in sorted(self.rows, key=lambda r: r.key) for cell in row.cells()]
         lines = ",\n".join("  " + json.dumps(cell, allow_nan=False) for cell in cells)
         return json.dumps(head, indent=1, allow_nan=False)[:-2] + f',\n "rows": [\n{lines}\n ]\n}}\n'
 
     @classmethod
     def read(cls, path: Path) -> Baseline:
-        """Read a file; raises UsageError as :func:`nrsfm.harness.gate.schema.read_file`."""
-        return cls._of_file(path, read_file(path))
+        """Read a file; raises UsageError if it is missing, larger than 4 MiB, or as :meth:`parse`."""
+        return cls.parse(path, read_bounded(path, LARGEST_FILE, remedy="make it with 'nrsfm bless'"))
 
     @classmethod
-    def _of_file(cls, path: Path, file: BaselineFile) -> Baseline:
-        """Join the cells of each row."""
+    def parse(cls, path: Path, text: str | bytes) -> Baseline:
+        """Check the text of a file, and join the cells of each row; UsageError names the file and the wrong field."""
+        file = parse(path, text)
         rows: dict[Key, Blessed] = {}
         for i, cell in enumerate(file.rows):
             row = Blessed.of_cell(cell)
@@ -174,10 +153,7 @@ class Baseline:
 def index(outcomes: Iterable[Outcome], metrics: Sequence[str] | None = BLESSED) -> dict[Key, Blessed]:
     """Rows by :attr:`Blessed.key`, each over the noise draws among the outcomes.
 
-    Raises
-    ------
-    UsageError
-        If two outcomes are the same draw: they differ in the method's settings, which a baseline does not hold.
+    Raises UsageError if two outcomes are the same draw: they differ in settings, which a baseline does not hold.
     """
     groups: dict[Key, dict[int, Outcome]] = {}
     for outcome in {outcome.key: outcome for outcome in outcomes}.values():
@@ -189,42 +165,26 @@ def index(outcomes: Iterable[Outcome], metrics: Sequence[str] | None = BLESSED) 
     return {key: Blessed.of(list(draws.values()), metrics) for key, draws in groups.items()}
 
 
-def bless(
-    outcomes: Iterable[Outcome], path: Path, reason: str, date: str, metrics: Sequence[str] = BLESSED
-) -> Baseline:
+def bless(outcomes: Iterable[Outcome], path: Path, reason: str, date: str) -> Baseline:
     """Replace a baseline file by measured outcomes; its earlier reasons stay as history.
 
-    Parameters
-    ----------
-    outcomes : iterable of Outcome
-        All rows of the new baseline; failed ones are kept with their status.
-    path : Path
-    reason : str
-        Why these numbers are right.
-    date : str
-        Day of the blessing, YYYY-MM-DD.
-    metrics : sequence of str
-        Metrics to keep.
-
-    Raises
-    ------
-    UsageError
-        If the reason is empty, the date is not a day, there are no outcomes, two outcomes are the same draw, or the
-        present file cannot be read.
+    The outcomes are all rows of the new baseline; failed ones are kept with their status. ``reason`` says why these
+    numbers are right, ``date`` is a day, YYYY-MM-DD. UsageError says which of them cannot be used, or that the present
+    file cannot be read.
     """
     reason = " ".join(reason.split())
     if not reason:
         raise UsageError("a baseline needs a reason: say why these numbers are right")
     if not is_date(date):
         raise UsageError(f"date {date!r} is not of the form YYYY-MM-DD")
-    rows = tuple(index(outcomes, metrics).values())
+    rows = tuple(index(outcomes).values())
     if not rows:
         raise UsageError("nothing to bless: no trial has run")
     before = Baseline.read(path) if path.exists() else None
     history = (*before.history, (before.date, before.reason)) if before else ()
     baseline = Baseline(reason, date, rows, history)
     text = baseline.to_json()
-    Baseline._of_file(path, parse(path, text))  # nothing is written that could not be read again
+    Baseline.parse(path, text)  # nothing is written that could not be read again
     try:
         write_text(path, text)
     except OSError as error:

@@ -29,18 +29,8 @@ class State(StrEnum):
 class Line:
     """The verdict on one metric of one row.
 
-    Parameters
-    ----------
-    row, metric : str
-        The metric is "" for a verdict on the whole row, ``status`` for one on how its trials ended.
-    state : State
-    baseline, measured : float or None
-        ``n_wrong`` is a count of tracks, of ``n_points``.
-    slack : float or None
-        How far above the baseline a value still passes.
-    n_points : int or None
-    why : str
-        Why the row could not be compared.
+    The metric is "" for a verdict on the whole row, ``status`` for one on how its trials ended. ``slack`` is how far
+    above the baseline a value still passes, ``why`` why the row could not be compared.
     """
 
     row: str
@@ -124,6 +114,11 @@ class Gate:
     informing: tuple[Comparison, ...] = ()
 
     @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """All of them, those that decide last."""
+        return (*self.informing, *self.blocking)
+
+    @property
     def code(self) -> int:
         """The largest exit code of the blocking comparisons."""
         return max((comparison.code for comparison in self.blocking), default=0)
@@ -135,28 +130,17 @@ def compare(
     tolerances: Mapping[str, Tolerance] | None = None,
     against: str = "blessed",
 ) -> Comparison:
-    """Compare measured outcomes with a baseline.
+    """Compare measured outcomes with a baseline; UsageError if two of them differ in the method's settings alone.
 
     Parameters
     ----------
     baseline : Baseline
         The blessed one, or that of :func:`nrsfm.reports.layouts.baseline.published`.
-    outcomes : iterable of Outcome
     tolerances : mapping, optional
         Metric or pattern -> Tolerance; an exact name wins over a pattern. A metric of the baseline without a tolerance
         must be measured, but may have any value.
     against : {"blessed", "published"}
         Outcomes that have no published numbers are left out, and so are metrics.
-
-    Returns
-    -------
-    Comparison
-        Lines in the baseline's order, then rows and metrics that it does not have.
-
-    Raises
-    ------
-    UsageError
-        If two outcomes differ in the method's settings alone, or ``against`` is neither word.
     """
     outcomes = list({outcome.key: outcome for outcome in outcomes}.values())
     if against == "published":
@@ -180,11 +164,10 @@ def compare(
             compared.add(row.key)
             error = errors.get(row.key) or errors.get(row.other, "")
             lines += _row(row, now, error, chosen, complete=against == "blessed")
-        elif row.other in measured:
-            compared.add(row.other)
-            lines.append(Line(row.title, "", State.MISSING, why=_unlike(row.stand_in)))
-        else:
-            lines.append(Line(row.title, "", State.MISSING, why="not measured"))
+            continue
+        why = _unlike(row.stand_in) if row.other in measured else "not measured"
+        compared.add(row.other)
+        lines.append(Line(row.title, "", State.MISSING, why=why))
     for key, now in measured.items():
         if key not in compared:
             state = State.NEW if now.status == OK else State.FAILED
@@ -201,12 +184,12 @@ def _row(row: Blessed, now: Blessed, error: str, chosen: Mapping[str, Tolerance]
     if row.status != OK:
         yield Line(row.title, "status", State.IMPROVED, why=f"was {row.status}, now ok")
         return
+    why = ""
     if None not in (row.n_points, now.n_points) and row.n_points != now.n_points:
         why = f"the baseline has {row.n_points} tracks, {now.n_points} were measured: not the same scene"
-        yield Line(row.title, "", State.MISSING, why=why)
-        return
-    if row.trials and len(row.trials) != len(now.trials):
+    elif row.trials and len(row.trials) != len(now.trials):
         why = f"the baseline is over {len(row.trials)} draws, {len(now.trials)} were measured"
+    if why:
         yield Line(row.title, "", State.MISSING, why=why)
         return
     if not any(metric in now.metrics and tolerance_of(metric, chosen) for metric in row.metrics):

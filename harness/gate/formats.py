@@ -16,34 +16,21 @@ from rich.text import Text
 from nrsfm.harness.gate.comparison import Comparison, Gate, Line, State
 from nrsfm.harness.record.text import escape_md, one_line
 
-STYLES = {
-    State.PASS: "green",
-    State.REGRESSED: "red",
-    State.MISSING: "red",
-    State.FAILED: "red",
-    State.IMPROVED: "cyan",
-    State.NEW: "dim",
-}
-
-ORDER = (State.PASS, State.NEW, State.IMPROVED, State.REGRESSED, State.MISSING, State.FAILED)
+STYLES = {State.PASS: "green", State.NEW: "dim", State.IMPROVED: "cyan"}  # the best first
+STYLES |= dict.fromkeys((State.REGRESSED, State.MISSING, State.FAILED), "red")
+HEADINGS = ("Row", "Metric", "Verdict", "Baseline", "Measured", "Allowed", "Why")
 
 
 def ordered(comparison: Comparison, everything: bool = False) -> list[Line]:
     """The lines that did not pass, or all; the worst last, where a log is read first."""
     shown = [line for line in comparison.lines if everything or line.state is not State.PASS]
-    return sorted(shown, key=lambda line: ORDER.index(line.state))
+    return sorted(shown, key=lambda line: list(STYLES).index(line.state))
 
 
 def show(comparison: Comparison, target: Console | None = None, everything: bool = False) -> None:
-    """Print the lines that did not pass, the worst last, and the summary.
+    """Print the lines that did not pass, or ``everything``, the worst last, and the summary.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    target : rich.console.Console, optional
-        Standard output by default. A terminal gets a table, anything else a line of plain text a metric.
-    everything : bool
-        Print the lines that pass as well.
+    A terminal gets a table, anything else, such as a log, a line of plain text a metric.
     """
     target = target or Console()
     lines = ordered(comparison, everything)
@@ -57,9 +44,8 @@ def show(comparison: Comparison, target: Console | None = None, everything: bool
 
 def _table(lines: list[Line]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("Row", "Metric", "Verdict", "Baseline", "Measured", "Allowed", "Why"):
-        numbers = heading in ("Baseline", "Measured", "Allowed")
-        table.add_column(heading, overflow="fold", justify="right" if numbers else "left")
+    for i, heading in enumerate(HEADINGS):
+        table.add_column(heading, overflow="fold", justify="right" if 3 <= i < 6 else "left")
     for line in lines:
         row, metric, state, *rest = line.cells
         table.add_row(Text(row), Text(metric), Text(state, STYLES[line.state]), *map(Text, rest))
@@ -69,13 +55,11 @@ def _table(lines: list[Line]) -> Table:
 def markdown(gate: Gate) -> str:
     """The verdict, and for each comparison its summary and a table of the lines that did not pass."""
     text = f"## {'Blocked' if gate.code else 'Passed'}\n"
-    for comparison in (*gate.informing, *gate.blocking):
+    for comparison in gate.comparisons:
         informs = " This does not block." * (comparison in gate.informing)
         text += f"\n**{escape_md(comparison.summary)}**{informs}\n"
         if lines := ordered(comparison):
-            text += (
-                "\n| Row | Metric | Verdict | Baseline | Measured | Allowed | Why |\n|---|---|---|---|---|---|---|\n"
-            )
+            text += f"\n| {' | '.join(HEADINGS)} |\n{'|---' * len(HEADINGS)}|\n"
         for line in lines:
             text += "| " + " | ".join(escape_md(cell) for cell in line.cells) + " |\n"
     return text
@@ -84,12 +68,11 @@ def markdown(gate: Gate) -> str:
 def junit(gate: Gate) -> str:
     """A suite a comparison, a case a line; failures of a comparison that only informs count as skipped."""
     root = ElementTree.Element("testsuites", name="nrsfm compare")
-    for comparison in (*gate.informing, *gate.blocking):
+    for comparison in gate.comparisons:
         informs = comparison in gate.informing
         bad = 0 if informs else len(comparison.bad)
-        suite = ElementTree.SubElement(
-            root, "testsuite", name=comparison.against, tests=str(len(comparison.lines)), failures=str(bad)
-        )
+        sizes = {"name": comparison.against, "tests": str(len(comparison.lines)), "failures": str(bad)}
+        suite = ElementTree.SubElement(root, "testsuite", sizes)
         for line in comparison.lines:
             name = one_line(line.metric or "row")
             case = ElementTree.SubElement(suite, "testcase", classname=one_line(line.row), name=name)
@@ -110,7 +93,7 @@ def as_json(gate: Gate) -> str:
             "counts": {str(state): comparison.counts[state] for state in State},
             "lines": [asdict(line) | {"state": str(line.state), "allowed": line.allowed} for line in comparison.lines],
         }
-        for comparison in (*gate.informing, *gate.blocking)
+        for comparison in gate.comparisons
     ]
     return json.dumps({"code": gate.code, "comparisons": comparisons}, indent=1, allow_nan=False) + "\n"
 

@@ -7,20 +7,12 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import OK, STATUSES, Count
 from nrsfm.harness.record.text import one_line
-from nrsfm.harness.record.untrusted import first_error, read_bounded
+from nrsfm.harness.record.untrusted import first_error
 
 SCHEMA = 2
 LARGEST_FILE = 4 << 20  # bytes
@@ -56,6 +48,16 @@ def _day(text: str) -> str:
     return text
 
 
+def _status(text: str) -> str:
+    _require(text in STATUSES, f"wanted one of {', '.join(STATUSES)}")
+    return text
+
+
+def _version(version: int) -> int:
+    _require(version == SCHEMA, f"this version reads {SCHEMA}; bless anew")
+    return version
+
+
 Word = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 Name = Annotated[Word, AfterValidator(_filled)]
 Reason = Annotated[str, Field(max_length=LARGEST_REASON), AfterValidator(_printable), AfterValidator(_filled)]
@@ -78,19 +80,13 @@ class Cell(_Checked):
     level: Number
     gaps: Name = ""
     stand_in: bool
-    status: str
+    status: Annotated[str, AfterValidator(_status)]
     n_points: Count | None = None
     metric: Annotated[str | None, Field(max_length=60, validate_default=True)] = None
     value: Annotated[Number | None, Field(validate_default=True)] = None
     spread: Annotated[Number | None, Field(validate_default=True)] = None
     trials: list[Name]
     count: Count
-
-    @field_validator("status")
-    @classmethod
-    def _is_a_status(cls, status: str) -> str:
-        _require(status in STATUSES, f"wanted one of {', '.join(STATUSES)}")
-        return status
 
     @field_validator("metric")
     @classmethod
@@ -127,33 +123,18 @@ class Blessing(_Checked):
 class BaselineFile(_Checked):
     """The whole file."""
 
-    version: Annotated[int, Field(alias="schema")]
+    version: Annotated[int, Field(alias="schema"), AfterValidator(_version)]
     reason: Reason
     date: Day
     rows: Annotated[list[Cell], Field(min_length=1)]
     history: list[Blessing] = []
 
-    @field_validator("version")
-    @classmethod
-    def _is_this_version(cls, version: int) -> int:
-        _require(version == SCHEMA, f"this version reads {SCHEMA}; bless anew")
-        return version
-
-
-def read_file(path: Path) -> BaselineFile:
-    """The checked contents of a baseline file.
-
-    Raises
-    ------
-    UsageError
-        Naming the file and the field, if it is missing, larger than 4 MiB, not strict JSON (a name twice, NaN), or not
-        a baseline.
-    """
-    return parse(path, read_bounded(path, LARGEST_FILE, remedy="make it with 'nrsfm bless'"))
-
 
 def parse(path: Path, text: str | bytes) -> BaselineFile:
-    """The checked contents of the text of a file; raises as :func:`read_file`."""
+    """The checked contents of the text of a file.
+
+    Raises UsageError, naming the file and the field, if it is not strict JSON (a name twice, NaN) or not a baseline.
+    """
     try:
         data = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
         return BaselineFile.model_validate(data)

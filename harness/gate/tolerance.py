@@ -16,14 +16,7 @@ from nrsfm.harness.record.text import one_line
 class Tolerance:
     """How far above its baseline a metric may lie: the largest of three amounts.
 
-    Parameters
-    ----------
-    absolute : float
-        In the metric's unit.
-    relative : float
-        As a share of the blessed value.
-    spreads : float
-        In standard deviations over the blessed draws.
+    They are in the metric's unit, as a share of the blessed value, and in standard deviations over the blessed draws.
     """
 
     absolute: float = 0.0
@@ -47,18 +40,10 @@ PUBLISHED_TOLERANCES: Mapping[str, Tolerance] = MappingProxyType(
 
 
 def tolerances(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Tolerance]:
-    """The tolerances of ``compare.tolerances`` in the configuration, by metric or pattern.
+    """The tolerances of ``compare.tolerances`` in the configuration, by metric or pattern such as ``e_3d*``.
 
-    Parameters
-    ----------
-    config : mapping
-        Metric, or a pattern such as ``e_3d*``, -> ``absolute``, ``relative``, ``spreads``; ``e_ms`` -> ``tracks``,
-        ``spreads``, which becomes ``n_wrong``.
-
-    Raises
-    ------
-    UsageError
-        Naming the entry that is not a tolerance.
+    An entry has ``absolute``, ``relative``, ``spreads``; that of ``e_ms``, which becomes ``n_wrong``, ``tracks`` and
+    ``spreads``. UsageError names the entry that is not a tolerance.
     """
     read = {}
     if not isinstance(config, Mapping):

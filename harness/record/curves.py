@@ -16,12 +16,9 @@ COSTS = frozenset({"history_seconds", "history_operations"})
 
 
 def thinned(arrays: Mapping[str, NDArray[Any]]) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Iterations (from 1) and values of each ``history_*`` array, thinned evenly; the first and last are kept.
+    """Iterations (from 1) and values of each ``history_*`` array, thinned evenly.
 
-    Returns
-    -------
-    dict
-        ``objective`` and ``residual_NAME`` -> the finite points that are kept.
+    The first and last are kept, and what is not finite is left out. The names are ``objective`` and ``residual_NAME``.
     """
     curves = {}
     for name in sorted(n for n in arrays if n.startswith("history_") and n not in COSTS):

@@ -34,16 +34,10 @@ SOURCES = ("conf", "datasets", "harness", "methods")
 
 @functools.cache
 def environment() -> Mapping[str, str]:
-    """The environment that all trials of this process share.
-
-    Returns
-    -------
-    mapping of str to str
-        Versions of Python, the libraries and this project; ``blas``; ``machine``; ``processor``; ``cores`` that this
-        process may use; ``code``, the digest of the sources of datasets and methods; in a checkout, ``commit`` and
-        ``tree`` (clean or changed).
-    """
+    """The environment that all trials of this process share; ``commit`` and ``tree`` only in a checkout."""
     from threadpoolctl import threadpool_info
+
+    from nrsfm import datasets, methods
 
     names = ("numpy", "scipy", "scikit-learn", "mlflow", "hydra-core", "nrsfm")
     blas = sorted({f"{p['internal_api']} {p['version']}" for p in threadpool_info() if p["user_api"] == "blas"})
@@ -54,7 +48,7 @@ def environment() -> Mapping[str, str]:
         "machine": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
         "cores": str(cores()),
-        "code": source_digest(),
+        "code": digest_of(Path(datasets.__file__), Path(methods.__file__)),  # the sources that can change a result
         **commit(checkout()),
     }
 
@@ -80,14 +74,6 @@ def _processor() -> str:
     except OSError:
         pass
     return platform.processor()
-
-
-@functools.cache
-def source_digest() -> str:
-    """SHA-256 over the sources of datasets and methods, 16 hex digits."""
-    from nrsfm import datasets, methods
-
-    return digest_of(*(Path(str(package.__file__)) for package in (datasets, methods)))
 
 
 def digest_of(*places: Path) -> str:

@@ -44,7 +44,7 @@ def write_record(folder: Path, outcome: Outcome) -> None:
     """Write ``result.json``, which marks a trial as finished, with the time and this process's environment added."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     outcome = replace(outcome, finished=now, environment={**environment(), **outcome.environment})
-    write_atomically(folder / RESULT, lambda handle: handle.write(outcome.to_json().encode()))
+    write_text(folder / RESULT, outcome.to_json())
 
 
 def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
@@ -75,7 +75,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def pack(parts: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Arrays as they are stored: in single precision and 32-bit integers.
+    """Arrays as they are stored: in single precision and 32-bit integers, without those that are None.
 
     A sparse matrix, which must be symmetric, becomes the rows, columns and values of its upper triangle and its size.
     """
@@ -86,9 +86,10 @@ def pack(parts: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
             n = value.shape[0]
             packed |= {f"{name}_rows": upper.row, f"{name}_columns": upper.col, f"{name}_values": upper.data}
             packed |= {f"{name}_size": np.array(n)}
-        else:
+        elif value is not None:
             packed[name] = np.asarray(value)
-    return {name: _compact(value) for name, value in packed.items()}
+    smaller = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int32}
+    return {name: value.astype(smaller.get(value.dtype, value.dtype), copy=False) for name, value in packed.items()}
 
 
 def unpack(stored: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -102,12 +103,6 @@ def unpack(stored: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     return parts
 
 
-def _compact(value: NDArray[Any]) -> NDArray[Any]:
-    if value.dtype == np.float64:
-        return value.astype(np.float32)
-    return value.astype(np.int32) if value.dtype == np.int64 else value
-
-
 def read_record(folder: Path) -> Outcome | None:
     """The record of a finished trial; None if it is missing, damaged or another trial's."""
     try:
@@ -118,15 +113,7 @@ def read_record(folder: Path) -> Outcome | None:
 
 
 def read_arrays(path: Path) -> dict[str, Any]:
-    """The arrays of a trial, as they were before :func:`pack`.
-
-    Raises
-    ------
-    MissingData
-        If the file is missing.
-    DatasetError
-        If it cannot be read, or its arrays do not fit each other.
-    """
+    """The arrays of a trial, as they were before :func:`pack`; DatasetError if they are missing or do not fit."""
     stored = read_npz(path)
     for name in stored:
         if why := _misfit(name, stored):

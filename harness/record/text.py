@@ -50,29 +50,11 @@ class Safe(str):
     __slots__ = ()
 
 
-_TEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "*": "{*}",
-    "[": "{[}",
-    "]": "{]}",
-    "±": r"$\pm$",
-    "−": "$-$",
-    "…": r"\ldots{}",
-    "·": r"$\cdot$",
-    "×": r"$\times$",
-}
+_COMMANDS = {"\\": "textbackslash", "^": "textasciicircum", "~": "textasciitilde", "<": "textless", ">": "textgreater"}
+_COMMANDS |= {"|": "textbar", "…": "ldots"}
+_MATHS = {"±": r"\pm", "−": "-", "·": r"\cdot", "×": r"\times"}
+_TEX = {c: f"\\{c}" for c in "{}$&#%_"} | {c: f"{{{c}}}" for c in "*[]"}
+_TEX |= {c: rf"\{name}{{}}" for c, name in _COMMANDS.items()} | {c: f"${maths}$" for c, maths in _MATHS.items()}
 
 
 def escape_tex(value: object) -> str:

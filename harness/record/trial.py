@@ -30,13 +30,7 @@ def gap_words(gaps: Mapping[str, Any]) -> str:
 class Trial:
     """One method on one scene under one setting: the resolved configuration, without paths.
 
-    Parameters
-    ----------
-    dataset, method, cameras, noise, gaps : mapping
-        The five groups of the configuration, resolved. ``dataset["name"]`` and ``method["name"]`` are their names
-        in tables.
-    n_bodies : int, "auto" or None
-        Number of clusters; None takes the scene's, ``auto`` leaves it to the method.
+    ``n_bodies`` is the number of clusters: None takes the scene's, ``auto`` leaves it to the method.
     """
 
     dataset: Mapping[str, Any]

@@ -1,33 +1,27 @@
-"""Files that anyone may have written: read up to a size limit, their errors on one line."""
+"""Files that anyone may have written: read up to a size limit, checked field by field, their errors on one line."""
 
 from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.text import one_line
 
 if TYPE_CHECKING:
-    from pydantic import ValidationError
+    from pydantic import TypeAdapter, ValidationError
+
+T = TypeVar("T")
 
 
 def read_bounded(path: Path, largest: int, remedy: str = "") -> bytes:
     """The contents of a regular file of at most ``largest`` bytes.
 
-    Parameters
-    ----------
-    path : Path
-    largest : int
-    remedy : str
-        What to do if the file is missing.
-
-    Raises
-    ------
-    UsageError
-        If it is missing, larger, unreadable or no regular file.
+    Raises UsageError if it is missing, which ``remedy`` ends, larger, unreadable or no regular file.
     """
     without_waiting = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)  # a pipe without a writer
     try:
@@ -42,6 +36,25 @@ def read_bounded(path: Path, largest: int, remedy: str = "") -> bytes:
     if len(content) > largest:
         raise UsageError(f"{path} is larger than {largest >> 20} MiB")
     return content
+
+
+def checked(kind: Callable[..., T], text: str | bytes) -> T:
+    """The dataclass ``kind`` that a JSON object holds; ValueError, one line, names the first field of another type."""
+    from pydantic import ValidationError
+
+    try:
+        value: T = _validator(kind).validate_json(text, strict=True)
+    except ValidationError as error:
+        raise ValueError(first_error(error)) from None
+    return value
+
+
+@cache
+def _validator(kind: Any) -> TypeAdapter[Any]:
+    """Made when the first text is read, because importing pydantic takes 0.1 s."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)
 
 
 def first_error(error: ValidationError) -> str:

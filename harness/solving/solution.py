@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import tempfile
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import scipy.sparse as sp
 
 from nrsfm.datasets.scene import Scene
@@ -53,23 +54,10 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Solution:
-    """What a method found in a scene's tracks. ``print`` shows its :meth:`facts`.
+    """What a method with some parameters ``found`` in a scene's tracks. ``print`` shows its :meth:`facts`.
 
-    Parameters
-    ----------
-    scene : Scene
-        The tracks, with the truth where it is known.
-    found : Reconstruction
-        As the method returned it.
-    method : str
-    parameters : mapping
-        The method's hyper-parameters.
-    cameras_from : str
-        ``the file``, ``the tracks, K = 11``, or ``no cameras``.
-    counted : bool
-        Whether the method had to estimate the number of bodies.
-    seconds : float
-        Wall time.
+    ``cameras_from`` is ``the file``, ``the tracks, K = 11``, or ``no cameras``. ``counted`` says whether the method had
+    to estimate the number of bodies.
     """
 
     scene: Scene
@@ -103,12 +91,9 @@ class Solution:
         are numbered in the order of the tracks.
         """
         labels = self.found.labels
-        if labels is None:
-            return None
-        if self.scene.labels is not None:
-            return matched(labels, self.scene.labels)
-        _, first, place = np.unique(labels, return_index=True, return_inverse=True)
-        return np.asarray(np.argsort(np.argsort(first))[place.reshape(-1)], dtype=np.int64)
+        if labels is None or self.scene.labels is not None:
+            return None if labels is None else matched(labels, self.scene.labels)
+        return np.asarray(pd.factorize(labels)[0], dtype=np.int64)
 
     @cached_property
     def bodies(self) -> tuple[str, ...]:
@@ -119,7 +104,6 @@ class Solution:
 
     @property
     def known_cameras(self) -> bool:
-        """Whether the cameras are those of the file."""
         return self.cameras_from == FROM_FILE
 
     @cached_property
@@ -157,29 +141,22 @@ class Solution:
             *(("note", note) for note in scene.notes),
             ("method", self.method),
             ("cameras", f"from {self.cameras_from}" if self.cameras_from != NO_CAMERAS else "not used"),
-            *self._body_facts(),
-            *self._metric_facts(),
+            *self._bodies_and_metrics(),
             ("convergence", str(self.convergence or "the method records no iterations")),
             ("time", f"{self.seconds:.1f} s"),
         ]
 
-    def _body_facts(self) -> list[tuple[str, str]]:
-        if self.labels is None:
-            return []
-        counts = zip(self.bodies, np.bincount(self.labels).tolist(), strict=True)
-        sizes = ", ".join(f"{readable(name)}: {n} tracks" for name, n in counts if n)
-        unsure = f"; {UNSURE}" if self.counted else ""
-        return [("bodies", f"{len(np.unique(self.labels))} ({sizes}){unsure}")]
-
-    def _metric_facts(self) -> list[tuple[str, str]]:
-        values = {
-            **self.metrics,
-            "n_points": self.scene.n_points,
-            "rms": reprojection_rms(self.scene, self.found),
-            "aligned": "" if self.known_cameras else ", after one rotation for all frames",
-        }
-        metrics = [metric for metric in METRICS if metric.summary and metric.name in values]
-        return [(metric.label or metric.name, metric.summary.format(**values)) for metric in metrics]
+    def _bodies_and_metrics(self) -> Iterator[tuple[str, str]]:
+        if self.labels is not None:
+            counts = zip(self.bodies, np.bincount(self.labels).tolist(), strict=True)
+            sizes = ", ".join(f"{readable(name)}: {n} tracks" for name, n in counts if n)
+            yield "bodies", f"{len(np.unique(self.labels))} ({sizes}){f'; {UNSURE}' if self.counted else ''}"
+        aligned = "" if self.known_cameras else ", after one rotation for all frames"
+        rms = reprojection_rms(self.scene, self.found)
+        values = {**self.metrics, "n_points": self.scene.n_points, "rms": rms, "aligned": aligned}
+        for metric in METRICS:
+            if metric.summary and metric.name in values:
+                yield metric.label or metric.name, metric.summary.format(**values)
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<13} {text}" for name, text in [("tracks of", self.scene.name), *self.facts()])
@@ -192,17 +169,7 @@ class Solution:
         ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
         on, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left out.
 
-        Returns
-        -------
-        Path
-            The folder.
-
-        Raises
-        ------
-        UsageError
-            If the folder holds anything else than a solution.
-        OSError
-            If it cannot be written.
+        Returns the folder; raises UsageError if it holds anything else than a solution.
         """
         path = Path(path).expanduser().resolve()
         folder.check_folder(path)
@@ -251,18 +218,10 @@ class Solution:
         )
 
     def _write_arrays(self, path: Path) -> None:
-        parts = {
-            "structure": self.structure,
-            "labels": self.labels,
-            "cameras": self.cameras,
-            "affinity": self.affinity,
-            "visible": self.scene.visible,
-            "edges": self.scene.edges,
-            "frame_ids": np.array(self.frames),
-            "track_ids": np.array(self.ids),
-            "bodies": np.array(self.bodies, dtype=str),
-        }
-        arrays: dict[str, Any] = pack({name: value for name, value in parts.items() if value is not None})
+        parts = {name: getattr(self, name) for name in ("structure", "labels", "cameras", "affinity")}
+        parts |= {"visible": self.scene.visible, "edges": self.scene.edges, "frame_ids": np.array(self.frames)}
+        parts |= {"track_ids": np.array(self.ids), "bodies": np.array(self.bodies, dtype=str)}
+        arrays: dict[str, Any] = pack(parts)
         np.savez_compressed(path, **arrays)
 
     def _write_tables(self, new: Path) -> None:
@@ -282,7 +241,7 @@ class Solution:
             export.write_affinity(new / folder.AFFINITY, self.affinity, self.ids)
 
     def _record(self) -> str:
-        convergence = self.convergence
+        end = self.convergence
         record = {
             "made_by": folder.MADE_BY,
             "name": self.scene.name,
@@ -290,13 +249,10 @@ class Solution:
             "method": self.method,
             "parameters": self.parameters,
             "cameras": self.cameras_from,
-            "facts": [list(fact) for fact in self.facts()],
+            "facts": self.facts(),
             "metrics": self.metrics,
             "seconds": self.seconds,
-            "iterations": convergence and convergence.iterations,
-            "residual": convergence and convergence.residual,
-            "tolerance_met": convergence and convergence.met,
+            **({"iterations": end.iterations, "residual": end.residual, "tolerance_met": end.met} if end else {}),
             "environment": environment(),
         }
-        plain = {name: value for name, value in record.items() if value is not None}
-        return json.dumps(plain, indent=1, default=str) + "\n"
+        return json.dumps(record, indent=1, default=str) + "\n"

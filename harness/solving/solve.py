@@ -85,7 +85,8 @@ def solve(
         words.append(f"cameras.rank={rank}")
     if isinstance(method, str):
         words.insert(0, f"method={method}")
-    config = _configured(words)
+    config = resolved(compose_config(words))
+    read_plain(config)  # raises if a value cannot be used
     if isinstance(method, str):
         parameters = _merged({k: v for k, v in config["method"].items() if k != "name"}, settings)
         solver, name = build_method(parameters), str(config["method"]["name"])
@@ -94,14 +95,8 @@ def solve(
         parameters = method.get_params()
     start = time.perf_counter()
     with threadpool_limits(int(config["threads"])):  # more threads are slower on small arrays
-        found = reconstruct(
-            scene,
-            solver,
-            n_bodies,
-            config["cameras"],
-            memory_gb=float(config["limits"]["memory_gb"]),
-            progress=progress,
-        )
+        limit = float(config["limits"]["memory_gb"])
+        found = reconstruct(scene, solver, n_bodies, config["cameras"], memory_gb=limit, progress=progress)
     source = FROM_FILE if known else f"the tracks, K = {config['cameras'].get('rank')}"
     return Solution(
         scene=scene,
@@ -122,24 +117,16 @@ def _n_bodies(n_bodies: object, scene: Scene) -> int | None:
     if n_bodies == AUTO:
         return None
     if isinstance(n_bodies, bool) or not isinstance(n_bodies, int) or not 1 <= n_bodies <= scene.n_points:
-        raise UsageError(
-            f"n_bodies is {n_bodies!r}, wanted auto or a whole number from 1 to the {scene.n_points} tracks"
-        )
+        wanted = f"auto or a whole number from 1 to the {scene.n_points} tracks"
+        raise UsageError(f"n_bodies is {n_bodies!r}, wanted {wanted}")
     return n_bodies
-
-
-def _configured(overrides: Sequence[str]) -> dict[str, Any]:
-    """The configuration of these overrides as plain data."""
-    plain = resolved(compose_config(overrides))
-    read_plain(plain)
-    return plain
 
 
 def _merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
     """Settings updated with others; the parts of a pipeline are updated within."""
-    return dict(settings) | {
-        name: _merged(settings[name], value)
-        if isinstance(value, Mapping) and isinstance(settings.get(name), Mapping)
-        else value
-        for name, value in more.items()
+    parts = {
+        n: _merged(settings[n], v)
+        for n, v in more.items()
+        if isinstance(v, Mapping) and isinstance(settings.get(n), Mapping)
     }
+    return {**settings, **more, **parts}

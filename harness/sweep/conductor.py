@@ -34,25 +34,14 @@ STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep that has ended.
-
-    Parameters
-    ----------
-    settings : Settings
-    jobs : mapping of str to Job
-        All of its trials, by key.
-    entries : mapping of str to Entry
-        Those that have a record, by key.
-    trouble : str
-        What ended the sweep before all trials were done, "" for nothing.
-    tracking_trouble : str
-        What kept trials from the tracker, "" for nothing.
-    """
+    """A sweep that has ended: its trials by key, and those of them that have a record."""
 
     settings: Settings
     jobs: Mapping[str, Job]
     entries: Mapping[str, Entry]
+    #: What ended the sweep before all trials were done, "" for nothing.
     trouble: str
+    #: What kept trials from the tracker, "" for nothing.
     tracking_trouble: str
 
     @property
@@ -62,34 +51,10 @@ class Sweep:
 
 
 def conduct(request: Request, writer: Connection) -> Sweep:
-    """Run every trial of a request that is not done.
+    """Run every trial of a request that is not done; ``writer`` is :func:`nrsfm.harness.tracking.writer.prepare`'s.
 
-    Parameters
-    ----------
-    request : Request
-    writer : Connection
-        The tracker's process, which :func:`nrsfm.harness.tracking.writer.prepare` has started.
-
-    Raises
-    ------
-    UsageError
-        If the launcher cannot be used; nothing has run then.
-    OSError
-        If the output folder cannot be written.
+    Raises UsageError if the launcher cannot be used: nothing has run then.
     """
-    jobs = _identified(request)
-    settings = next(iter(jobs.values())).settings
-    launcher = Launcher(request)
-    journal(settings.output, settings.sweep).parent.mkdir(parents=True, exist_ok=True)
-    trials = {key: job.trial for key, job in jobs.items()}
-    done = {key for key, job in jobs.items() if not job.due}
-    with _interruptible(), Follower(settings, trials, done, writer) as follower:
-        trouble = _run_all(list(jobs.values()), settings, launcher)
-    return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
-
-
-def _identified(request: Request) -> dict[str, Job]:
-    """The jobs of a sweep by key, each with its identity and the state in which the sweep finds it."""
     sweep = request.settings.sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
     jobs: dict[str, Job] = {}
     for trial, settings in request.trials:
@@ -97,20 +62,36 @@ def _identified(request: Request) -> dict[str, Job]:
         record = read_record(settings.trials / identity.key)
         old = record.finished if record else ""
         jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old)
-    return jobs
+    settings = next(iter(jobs.values())).settings
+    launcher = Launcher(request)
+    journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
+    trials = {key: job.trial for key, job in jobs.items()}
+    left = [job for job in jobs.values() if job.due]
+    done = trials.keys() - {job.identity.key for job in left}
+    with _interruptible(), Follower(settings, trials, done, writer) as follower:
+        trouble = _run_all(left, settings, launcher)
+    return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 
 
-def _run_all(jobs: Sequence[Job], settings: Settings, launcher: Launcher) -> str:
+def _run_all(left: Sequence[Job], settings: Settings, launcher: Launcher) -> str:
     """Start workers until every job is done; returns what prevented that, or "".
 
     An attempt may end early, as when a worker is killed; the next one runs the rest.
     """
     folder = journal(settings.output, settings.sweep).parent
     until, fruitless, trouble = time.time() + settings.sweep_seconds, 0, ""
-    left = [job for job in jobs if job.due]
     while left and fruitless < ATTEMPTS and time.time() < until:
         work = Work.begin(folder / f"{secrets.token_hex(4)}.work", left, until)
-        trouble = _attempt(work, launcher)
+        try:
+            launcher.launch(work)
+            trouble = ""
+        except Exception as error:
+            trouble = f"the sweep ended early ({type(error).__name__}: {one_line(error, 200)})"
+        except BaseException:
+            work.end()
+            _await_stop(work)
+            raise
+        work.clear()
         still = [job for job in left if job.due]
         fruitless = fruitless + 1 if len(still) == len(left) else 0
         left = still
@@ -123,21 +104,6 @@ def _run_all(jobs: Sequence[Job], settings: Settings, launcher: Launcher) -> str
     if time.time() >= until:
         return f"its {settings.sweep_seconds:g} s are over"
     return trouble or "its workers were lost"
-
-
-def _attempt(work: Work, launcher: Launcher) -> str:
-    """Have workers go through the work; returns what ended them early, or ""."""
-    trouble = ""
-    try:
-        launcher.launch(work)
-    except Exception as error:
-        trouble = f"the sweep ended early ({type(error).__name__}: {one_line(error, 200)})"
-    except BaseException:
-        work.end()
-        _await_stop(work)
-        raise
-    work.clear()
-    return trouble
 
 
 def _await_stop(work: Work) -> None:

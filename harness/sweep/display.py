@@ -29,15 +29,8 @@ class Display:
     """Shows how far a sweep is.
 
     In a terminal there is a line with counts and times, and below it a line for each running trial, as many as the
-    terminal has room for. Elsewhere only the line for each finished trial is printed.
-
-    Parameters
-    ----------
-    trials : mapping of str to Trial
-        Those of the sweep, by key.
-    console : rich.console.Console
-    live : bool
-        Whether the console is a terminal, whose lines can be redrawn.
+    terminal has room for. Elsewhere only the line for each finished trial is printed. ``live`` says whether the
+    console is a terminal, whose lines can be redrawn.
     """
 
     def __init__(self, trials: Mapping[str, Trial], console: Console, live: bool) -> None:
@@ -48,13 +41,8 @@ class Display:
         self._left = {key: str(trial.method["name"]) for key, trial in trials.items()}  # methods of unfinished trials
         self._took: dict[str, list[float]] = {}  # seconds of finished trials, by method
         self._running: dict[str, TaskID] = {}
-        self._steps = Progress(
-            _text("  [bold]{task.description}", ratio=2),
-            _text("{task.fields[step]}", ratio=3),
-            TimeElapsedColumn(),
-            console=console,
-            expand=True,
-        )
+        columns = [_text("  [bold]{task.description}", ratio=2), _text("{task.fields[step]}", ratio=3)]
+        self._steps = Progress(*columns, TimeElapsedColumn(), console=console, expand=True)
         wide: list[ProgressColumn] = [BarColumn(30), TimeElapsedColumn()] if console.width >= NARROW else []
         last = TextColumn("{task.fields[left]}", table_column=Column(justify="right", no_wrap=True))
         self._head = Progress(_text("{task.description}", ratio=1), *wide, last, console=console, expand=True)
@@ -107,9 +95,8 @@ class Display:
 
     def _write_head(self) -> None:
         ended, total, running = self._counts.total(), len(self._trials), len(self._running)
-        failed = ended - self._counts[OK]
-        parts = [f"{ended}/{total} done", *([f"[red]{failed} failed[/]"] if failed else []), f"{running} running"]
-        words = ", ".join([*parts, f"{max(total - ended - running, 0)} left"])
+        failed = f", [red]{ended - self._counts[OK]} failed[/]" if ended > self._counts[OK] else ""
+        words = f"{ended}/{total} done{failed}, {running} running, {max(total - ended - running, 0)} left"
         self._head.update(self._total, completed=ended, description=words, left=self._time_left())
 
     def _time_left(self) -> str:
@@ -136,8 +123,7 @@ def _text(format: str, ratio: int) -> TextColumn:
 
 def _words(title: str, outcome: Outcome) -> str:
     """``dance_yoga ours: e_3d 0.0318  wrong 0/116 (4.2 s)``; a failure begins with its status."""
-    words = brief(outcome.metrics, outcome.n_points)
-    words.append(outcome.error)
+    words = "  ".join(filter(None, [*brief(outcome.metrics, outcome.n_points), outcome.error]))
     mark = "" if outcome.status == OK else f"{outcome.status.upper()} "
     took = "" if outcome.seconds is None else f" ({outcome.seconds:.1f} s)"
-    return f"{mark}{title}: {'  '.join(filter(None, words))}{took}"
+    return f"{mark}{title}: {words}{took}"

@@ -24,27 +24,12 @@ class Follower:
     """Context manager around a sweep, with a thread that reads its journal.
 
     Workers leave records in trial folders and lines in the journal. The thread shows each finished trial and passes it
-    to the tracker's writer, so that workers neither load MLflow nor wait for its store.
-
-    Parameters
-    ----------
-    settings : Settings
-    trials : mapping of str to Trial
-        The trials of the sweep, by key.
-    before : collection of str
-        Keys of those that are done when it begins.
-    ready : Connection, optional
-        As :class:`nrsfm.harness.tracking.writer.Writer` takes it.
-
-    ``entries`` holds the trials that have ended so far, by key.
+    to the tracker's writer, so that workers neither load MLflow nor wait for its store. ``trials`` are those of the
+    sweep, by key; those of the keys ``before`` are done when it begins. ``entries`` holds the ended ones, by key.
     """
 
     def __init__(
-        self,
-        settings: Settings,
-        trials: Mapping[str, Trial],
-        before: Collection[str],
-        ready: Connection | None = None,
+        self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str], ready: Connection
     ) -> None:
         self.settings = settings
         self.trials = trials
@@ -52,8 +37,8 @@ class Follower:
         self._before = [key for key in trials if key in before]
         self._writer = Writer(settings, ready)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
-        path = journal(settings.output, settings.sweep)
-        self._offset = path.stat().st_size if path.is_file() else 0  # an earlier sweep may have had this name
+        self._journal = journal(settings.output, settings.sweep)
+        self._offset = self._journal.stat().st_size if self._journal.is_file() else 0  # of an earlier sweep's lines
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
         self._display = Display(trials, Console(stderr=True), live=sys.stderr.isatty())
@@ -74,7 +59,9 @@ class Follower:
     def _loop(self) -> None:
         while True:
             last = self._stop.is_set()
-            self._drain()
+            for entry, offset in entries(self._journal, self._offset):
+                self._offset = offset
+                self._take(entry)
             if self._display.live:
                 self._display.update(dict(steps(self.settings.output, self.settings.sweep)))
             self._writer.tend()
@@ -83,7 +70,8 @@ class Follower:
             self._stop.wait(0.2)
         self._take_records(self.trials.keys() - self.entries.keys())
         for key, entry in self.entries.items():
-            if not entry.ran and not self._is_tracked(key):
+            folder = self.settings.trials / key
+            if not entry.ran and not ((record := read_record(folder)) and self._tracker.holds(record, folder)):
                 self._writer.put(key)
         self._writer.finish()
 
@@ -92,11 +80,6 @@ class Follower:
         """What keeps trials from the tracker, "" for nothing."""
         return self._writer.trouble
 
-    def _is_tracked(self, key: str) -> bool:
-        folder = self.settings.trials / key
-        outcome = read_record(folder)
-        return outcome is not None and self._tracker.holds(outcome, folder)
-
     def _take_records(self, keys: Iterable[str]) -> None:
         """Enter trials without a line in the journal: done before, by a concurrent sweep, or by a worker that died."""
         for key in keys:
@@ -104,12 +87,6 @@ class Follower:
             if outcome is not None:
                 ran = key not in self._before and outcome.sweep == self.settings.sweep
                 self._take(Entry(key, self.trials[key].title, outcome.status, ran))
-
-    def _drain(self) -> None:
-        path = journal(self.settings.output, self.settings.sweep)
-        for entry, offset in entries(path, self._offset):
-            self._offset = offset
-            self._take(entry)
 
     def _take(self, entry: Entry) -> None:
         if entry.key not in self.trials or entry.key in self.entries:

@@ -32,27 +32,17 @@ class Forecast:
 
 
 class Past(NamedTuple):
-    """A finished trial, and the MB of disk that its files take."""
+    """A finished trial, its frames and tracks, and the MB of disk that its files take."""
 
     outcome: Outcome
+    size: tuple[int, int]
     disk_mb: float
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Frames and tracks."""
-        return self.outcome.n_frames or 0, self.outcome.n_points or 0
 
 
 class History:
-    """The finished trials of an output folder.
+    """The finished trials of some methods in an output folder.
 
     Where the tracker is a SQLite file, their disk includes the copies that are artifacts, and a share of that file.
-
-    Parameters
-    ----------
-    settings : Settings
-    methods : collection of str
-        Names of the methods to read.
     """
 
     def __init__(self, settings: Settings, methods: Collection[str]) -> None:
@@ -64,8 +54,8 @@ class History:
         for folder in folders:
             outcome = read_record(folder)
             if outcome is not None and outcome.status == OK and outcome.method in methods and outcome.n_points:
-                disk = share + (2 if local else 1) * _disk_mb(folder)
-                self._past.setdefault(outcome.method, []).append(Past(outcome, disk))
+                size, disk = (outcome.n_frames or 0, outcome.n_points), share + (2 if local else 1) * _disk_mb(folder)
+                self._past.setdefault(outcome.method, []).append(Past(outcome, size, disk))
 
     def forecast(self, trial: Trial, size: tuple[int, int]) -> Forecast | None:
         """Median of the past trials of this method and size, frames and tracks; None where there is none.

@@ -4,53 +4,44 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from nrsfm.harness.config.address import SECRETS
 from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.sweep.application import call_hydra
 from nrsfm.harness.sweep.work import Work, go_through
+from nrsfm.harness.trial.isolation import with_environment, without_interrupt
 
 BASIC, SLURM, RAY = "basic", "submitit_slurm", "ray"
 RAY_STORE = 75 << 20  # bytes; small, because no result passes through Ray's store
 
 
 class Launcher:
-    """Starts the workers of a sweep.
+    """Starts the workers of a sweep; UsageError if Hydra's configuration does not say how.
 
     With ``basic``, Hydra's default, they are threads of this process, since every trial is a process anyway. With any
     other launcher every worker is one Hydra job: ``joblib``, ``submitit_local`` and ``ray`` start processes,
     ``submitit_slurm`` the tasks of a job array.
-
-    Parameters
-    ----------
-    request : Request
-        Its settings ``workers``, ``threads`` and ``output``, and Hydra's launcher.
-
-    Raises
-    ------
-    UsageError
-        If the launcher is not installed, or the number of workers is missing.
     """
 
     def __init__(self, request: Request) -> None:
-        settings = self._settings = request.settings
-        self._overrides, hydra = request.launching, request.hydra
-        if hydra.callbacks:
+        settings, chosen = request.settings, request.hydra
+        if chosen.callbacks:
             raise UsageError("hydra.callbacks would run any code that a configuration names; remove them")
-        self._name: str = hydra.runtime.choices["hydra/launcher"]
+        self._overrides, self._config = request.launching, chosen.launcher
+        self._name: str = chosen.runtime.choices["hydra/launcher"]
         if self._name == SLURM and settings.workers is None:
             raise UsageError("set how many Slurm jobs share the trials, as in workers=20")
-        n_jobs = max(hydra.launcher.get("n_jobs", 0), 0)  # joblib's own setting
-        self._config: DictConfig = hydra.launcher
+        n_jobs = max(self._config.get("n_jobs", 0), 0)  # joblib's own setting
         self._most: int = settings.workers or n_jobs or cores() // settings.threads or 1
 
     @property
@@ -69,12 +60,39 @@ class Launcher:
             _threads(work, n_workers)
             return
         n_jobs = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
-        place = [f"sweep={work.jobs[0].settings.sweep}", f"output={_quoted(self._settings.output)}"]
+        settings = work.jobs[0].settings
+        place = [f"sweep={settings.sweep}", f"output={_quoted(settings.output)}"]
         task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
-        with _blocked(signal.SIGINT) if self._name == "submitit_local" else nullcontext(), _without_login():
+        # schedulers store the environment, and workers do not need the tracker's login
+        no_login = with_environment(dict.fromkeys(SECRETS))
+        with without_interrupt() if self._name == "submitit_local" else nullcontext(), no_login:
             if self._name == RAY:
                 _start_ray(OmegaConf.to_container(self._config.ray.init, resolve=True))
             call_hydra(["--multirun", *self._overrides, *n_jobs, "hydra.sweeper.params=null", *place, *task])
+
+
+def worker(cfg: DictConfig) -> None:
+    """The Hydra application of ``nrsfm run``: run the trials of the work file ``cfg.work`` until none is left."""
+    path = Path(cfg.work)
+    if path.is_file():  # otherwise the sweep has ended
+        go_through(Work.read(path))
+
+
+_main = hydra.main(config_path="pkg://nrsfm.conf", config_name="config", version_base="1.3")(worker)
+
+
+def call_hydra(argv: Sequence[str]) -> int:
+    """Run Hydra's own command line; returns its exit code. Its errors are raised, not printed."""
+    before = sys.argv
+    sys.argv = ["nrsfm run", *argv]
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    try:
+        _main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    finally:
+        sys.argv = before
+    return 0
 
 
 def _threads(work: Work, n_workers: int) -> None:
@@ -103,27 +121,6 @@ def _start_ray(config: Any) -> None:
             signal.signal(signal.SIGTERM, handler)
 
 
-@contextmanager
-def _blocked(sign: signal.Signals) -> Iterator[None]:
-    """Keep a signal from processes started meanwhile; another thread of this process still receives it."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {sign})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {sign})
-
-
-@contextmanager
-def _without_login() -> Iterator[None]:
-    """Hide the tracker's login from the workers' environment: schedulers store it, and workers do not need it."""
-    kept = {name: os.environ.pop(name) for name in SECRETS if name in os.environ}
-    try:
-        yield
-    finally:
-        os.environ.update(kept)
-
-
 def _quoted(path: Path) -> str:
     """A path quoted for Hydra's override grammar."""
-    text = str(path).replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{text}'"
+    return "'" + str(path).replace("\\", "\\\\").replace("'", "\\'") + "'"

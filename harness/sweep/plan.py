@@ -29,33 +29,18 @@ from nrsfm.methods.registry import build_method
 
 @dataclass(frozen=True)
 class Planned:
-    """A trial of the plan.
-
-    Parameters
-    ----------
-    trial : Trial
-    key : str
-    outcome : Outcome or None
-        Its record.
-    runs : bool
-        Whether ``nrsfm run`` would run it.
-    reason : str
-        Why it cannot run, "" when it can or is done.
-    forecast : Forecast or None
-        Expected time, memory and disk; None where past trials do not tell.
-    unknown : str
-        Why there is no forecast, "" when there is one.
-    foreseen_mb : float or None
-        The memory that its method foresees.
-    """
+    """A trial of the plan, and whether ``nrsfm run`` would run it."""
 
     trial: Trial
     key: str
     outcome: Outcome | None
     runs: bool
+    #: Why it cannot run, "" when it can or is done.
     reason: str = ""
     forecast: Forecast | None = None
+    #: Why there is no forecast, "" when there is one.
     unknown: str = ""
+    #: The memory that its method foresees.
     foreseen_mb: float | None = None
 
     @property
@@ -123,10 +108,10 @@ class Plan:
     def disk_mb(self) -> float:
         return sum(f.disk_mb for f in self.known)
 
-    @property
-    def memory_mb(self) -> float:
-        """Memory of the largest trial."""
-        return max((item.memory_mb or 0.0 for item in self.to_run if not item.reason), default=0.0)
+    @cached_property
+    def memories(self) -> list[float]:
+        """MB of memory of the trials that can run, the largest first; 0 where it is unknown."""
+        return sorted((item.memory_mb or 0.0 for item in self.to_run if not item.reason), reverse=True) or [0.0]
 
     @property
     def fits(self) -> bool:
@@ -138,36 +123,24 @@ class Plan:
         """What may prevent the run from completing, one line each with the remedy."""
         settings = self.settings
         if not self.fits:
-            yield (
-                f"{settings.output}: {size_words(self.free_mb)} are free and about {size_words(self.disk_mb)} are "
-                "needed; make room, or set NRSFM_OUTPUT to a larger disk"
-            )
-        largest = sorted((item.memory_mb or 0.0 for item in self.to_run if not item.reason), reverse=True)
-        together, machine = sum(largest[: self.workers]), machine_mb()
+            sizes = f"{size_words(self.free_mb)} are free and about {size_words(self.disk_mb)} are needed"
+            yield f"{settings.output}: {sizes}; make room, or set NRSFM_OUTPUT to a larger disk"
+        together, machine = sum(self.memories[: self.workers]), machine_mb()
         if self.here and together > machine:
-            yield (
-                f"{self.workers} trials side by side may take {size_words(together)} and this machine has "
-                f"{size_words(machine)}; lower workers"
-            )
+            sizes = f"{size_words(together)} and this machine has {size_words(machine)}"
+            yield f"{self.workers} trials side by side may take {sizes}; lower workers"
         if long := sum(f.seconds > settings.seconds for f in self.known):
             yield f"{long} trials are expected to take longer than limits.seconds = {settings.seconds:g}; raise it"
         if self.wall_seconds > settings.sweep_seconds:
-            yield (
-                f"limits.sweep_seconds = {settings.sweep_seconds:g} ends the run before; the same command goes on later"
-            )
+            limit = f"limits.sweep_seconds = {settings.sweep_seconds:g}"
+            yield f"{limit} ends the run before; the same command goes on later"
         left = sum(i.outcome is not None and i.outcome.status != OK and not i.runs for i in self.trials)
         if left:
             yield f"{left} that failed are not repeated; rerun=failed runs them again"
 
 
 def plan(overrides: Sequence[str]) -> Plan:
-    """Plan the run of the overrides.
-
-    Raises
-    ------
-    UsageError
-        If the overrides cannot be composed, or their launcher cannot be used.
-    """
+    """Plan the run of the overrides; raises UsageError if they, or their launcher, cannot be used."""
     request = Request.of(overrides)
     settings, launcher = request.settings, Launcher(request)
     history = History(settings, {str(trial.method["name"]) for trial, _ in request.trials})
@@ -178,7 +151,7 @@ def plan(overrides: Sequence[str]) -> Plan:
         outcome = read_record(own_settings.trials / identity.key)
         runs = outcome is None or repeats(outcome, trial, own_settings.rerun)
         item = Planned(trial, identity.key, outcome, runs, identity.reason if runs else "")
-        planned.append(_forecast(item, own_settings, sizes, history) if runs and not item.reason else item)
+        planned.append(_forecast(item, own_settings, sizes, history) if item.runs and not item.reason else item)
     n_workers = launcher.workers(max(sum(item.runs for item in planned), 1))
     return Plan(planned, settings, n_workers, launcher.local, free_mb(settings.output))
 
@@ -200,10 +173,10 @@ def _forecast(item: Planned, settings: Settings, sizes: dict[str, Size | str], h
     except MethodError as error:
         return replace(item, reason=str(error))
     past = (size.n_frames, size.n_points)
-    forecast = history.forecast(trial, past)
-    unknown = "" if forecast else history.unknown(trial, past)
     foreseen_mb = None if need is None else 1024 * need
-    return replace(item, reason=why, forecast=forecast, unknown=unknown, foreseen_mb=foreseen_mb)
+    if forecast := history.forecast(trial, past):
+        return replace(item, reason=why, forecast=forecast, foreseen_mb=foreseen_mb)
+    return replace(item, reason=why, unknown=history.unknown(trial, past), foreseen_mb=foreseen_mb)
 
 
 def free_mb(place: Path) -> float:

@@ -13,11 +13,12 @@ import socket
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import psutil
+from annotated_types import Gt
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.errors import UsageError
@@ -25,6 +26,7 @@ from nrsfm.harness.record.folder import read_record, write_text
 from nrsfm.harness.record.outcome import OOM, Outcome
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.record.untrusted import checked
 from nrsfm.harness.trial.execute import Busy, execute, repeats
 from nrsfm.harness.trial.identity import Identity
 from nrsfm.harness.trial.isolation import Stopped
@@ -61,47 +63,32 @@ class Job:
 class Work:
     """The jobs that the workers of one attempt at a sweep go through.
 
-    Parameters
-    ----------
-    path : Path
-        Its file; a file of the same name with the suffix ``.stop`` tells the workers to end.
-    jobs : sequence of Job
-    until : float
-        End of the sweep, in seconds since 1970; trials that still run then are stopped.
-    home : str
-        Host and id of the sweep's own process; workers on the same host end when it does.
+    ``path`` is its file; a file of the same name with the suffix ``.stop`` tells the workers to end. Trials that still
+    run at the time ``until``, in seconds since 1970, are stopped. ``host`` and ``pid`` are those of the sweep's own
+    process; workers on the same host end when it does.
     """
 
     path: Path
     jobs: Sequence[Job]
     until: float
-    home: str
+    host: str
+    pid: Annotated[int, Gt(0)]
 
     @classmethod
     def begin(cls, path: Path, jobs: Sequence[Job], until: float) -> Work:
-        """Write the file from which the workers of this process read their jobs."""
-        work = cls(path, jobs, until, f"{_host()} {os.getpid()}")
-        rows = [asdict(job) | {"settings": _plain(job.settings)} for job in jobs]
-        write_text(path, json.dumps({"until": until, "home": work.home, "jobs": rows}))
+        """Write the file from which workers read their jobs, without the tracker's address, which may hold a login."""
+        plain = [replace(job, settings=replace(job.settings, tracking_uri="")) for job in jobs]
+        work = cls(path, plain, until, _host(), os.getpid())
+        write_text(path, json.dumps(asdict(work), default=str))
         return work
 
     @classmethod
     def read(cls, path: Path) -> Work:
         """Read the file that :meth:`begin` wrote; raises UsageError if it is not one."""
         try:
-            data = json.loads(path.read_text())
-            jobs = [
-                Job(Trial(**row["trial"]), _settings(row["settings"]), Identity(**row["identity"]), row["old"])
-                for row in data.pop("jobs")
-            ]
-            work = cls(path, jobs, **data)
-            _, pid = work.home.split(" ")
-            fits = isinstance(work.until, int | float) and int(pid) > 0
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            return replace(checked(cls, path.read_bytes()), path=path)
+        except ValueError as error:
             raise UsageError(f"{path} is no list of trials ({one_line(error)}); start the sweep again") from None
-        if not fits:
-            raise UsageError(f"{path} is no list of trials; start the sweep again")
-        return work
 
     def end(self) -> None:
         """Make every worker stop, on whatever machine it runs."""
@@ -112,7 +99,6 @@ class Work:
         self.path.unlink(missing_ok=True)
         self._mark.unlink(missing_ok=True)
 
-    @property
     def over(self) -> bool:
         """Whether the workers are to stop."""
         return time.time() > self.until or self._mark.exists()
@@ -127,23 +113,19 @@ def go_through(work: Work) -> None:
 
     Trials that another worker runs, and killed ones that may be tried again, come last.
     """
-    _end_with(work.home)
-
-    def stopped() -> bool:
-        return work.over
-
+    _end_with(work)
     tries: dict[int, int] = {}
     turn = [(i, False) for i in range(len(work.jobs))]
     while turn:
         later = []
         for i, wait in turn:
-            if work.over:
+            if work.over():
                 return
             job = work.jobs[i]
             trial, settings = job.trial, job.settings
             try:
-                outcome, ran = execute(
-                    trial, settings, job.identity, old=job.old, again=i in tries, stopped=stopped, wait=wait
+                record, ran = execute(
+                    trial, settings, job.identity, old=job.old, again=i in tries, stopped=work.over, wait=wait
                 )
             except Busy:
                 later.append((i, True))
@@ -153,10 +135,10 @@ def go_through(work: Work) -> None:
             if not ran:
                 continue
             tries[i] = tries.get(i, 0) + 1
-            if tries[i] <= settings.retries and (outcome.status == OOM or any(w in outcome.error for w in KILLED)):
+            if tries[i] <= settings.retries and (record.status == OOM or any(w in record.error for w in KILLED)):
                 later.append((i, True))
             else:
-                note(settings, Entry(outcome.key, trial.title, outcome.status, ran=True))
+                note(settings, Entry(record.key, trial.title, record.status, ran=True))
         turn = later
 
 
@@ -165,29 +147,20 @@ def _host() -> str:
     return f"{socket.gethostname()}:{os.environ.get('SLURM_JOB_ID', '')}"
 
 
-def _end_with(home: str) -> None:
+def _end_with(work: Work) -> None:
     """End this process when the sweep's own process is gone, if that runs on the same host."""
-    host, pid = home.split(" ")
-    if int(pid) == os.getpid() or host != _host():
+    if work.pid == os.getpid() or work.host != _host():
         return
 
     def watch() -> None:
         try:
-            process = psutil.Process(int(pid))
+            process = psutil.Process(work.pid)
             while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
                 time.sleep(0.5)
         except psutil.NoSuchProcess:
             pass
         os._exit(1)
 
-    if not any(thread.name == home for thread in threading.enumerate()):
-        threading.Thread(target=watch, name=home, daemon=True).start()
-
-
-def _plain(settings: Settings) -> dict[str, Any]:
-    """Settings as JSON holds them, without the tracker's address: it may hold a password, and workers need none."""
-    return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(settings).items() if k != "tracking_uri"}
-
-
-def _settings(plain: dict[str, Any]) -> Settings:
-    return Settings(**plain | {name: Path(plain[name]) for name in ("output", "data")}, tracking_uri="")
+    name = f"end with {work.pid}"
+    if not any(thread.name == name for thread in threading.enumerate()):
+        threading.Thread(target=watch, name=name, daemon=True).start()

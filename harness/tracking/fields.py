@@ -45,9 +45,7 @@ def record_text(tags: Mapping[str, str]) -> str:
 
 def curve_points(folder: Path) -> list[tuple[str, int, float]]:
     """The thinned curves of a trial's iteration as (name, step, value); none if it has no arrays."""
-    if not (folder / ARRAYS).is_file():
-        return []
-    curves = thinned(read_arrays(folder / ARRAYS)).items()
+    curves = thinned(read_arrays(folder / ARRAYS)).items() if (folder / ARRAYS).is_file() else ()
     return [(name, int(s), float(v)) for name, (steps, values) in curves for s, v in zip(steps, values, strict=True)]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -69,12 +68,8 @@ def results(output: str | Path = "outputs", experiment: str | None = None) -> pd
 def _frame(rows: Sequence[tuple[Outcome, str]]) -> pd.DataFrame:
     metrics = list(dict.fromkeys(name for outcome, _ in rows for name in outcome.metrics))
     columns = [*BEFORE, *metrics, *AFTER]
-
-    def values(outcome: Outcome, status: str) -> dict[str, Any]:
-        fields = {name: getattr(outcome, name) for name in (*BEFORE, *AFTER)}
-        return fields | outcome.metrics | {"status": status}
-
-    frame = pd.DataFrame([values(outcome, status) for outcome, status in rows], columns=columns)
+    fields = ({name: getattr(outcome, name) for name in (*BEFORE, *AFTER)} | outcome.metrics for outcome, _ in rows)
+    frame = pd.DataFrame(fields, columns=columns).assign(status=[status for _, status in rows])
     numbers = ["level", *metrics, "seconds", "cpu_seconds", "peak_mb"]
     frame = frame.astype(dict.fromkeys(numbers, "float64") | dict.fromkeys(COUNTS, "Int64"))
     return frame.assign(finished=pd.to_datetime(frame.finished, utc=True, format="ISO8601"))

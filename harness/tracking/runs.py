@@ -1,41 +1,29 @@
-"""The trials of an experiment, and the records that answer them."""
+"""The trials of an experiment, the records that answer them, and their arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request
-from nrsfm.harness.record.folder import read_record
+from nrsfm.harness.record.folder import ARRAYS, read_arrays, read_record
+from nrsfm.harness.record.outcome import OK
 from nrsfm.harness.record.tracked import Answer, Tracked
 from nrsfm.harness.tracking.tracker import Tracker
 from nrsfm.harness.trial.identity import identify
 
 
 class Runs:
-    """Records of trials, found by trial.
-
-    Parameters
-    ----------
-    runs : sequence of Tracked
-        Oldest first.
-    """
+    """Records of trials, oldest first, found by trial."""
 
     def __init__(self, runs: Sequence[Tracked]) -> None:
         self.runs = runs
-        self._by_key: dict[str, Tracked] = {}
-        self._by_setting: dict[str, Tracked] = {}
-        for run in runs:
-            self._by_key[run.outcome.key] = run
-            other = self._by_setting.get(run.outcome.setting)
-            if other is None or other.outcome.stand_in or not run.outcome.stand_in:
-                self._by_setting[run.outcome.setting] = run
-
-    @classmethod
-    def of_tracker(cls, settings: Settings) -> Runs:
-        """Every run of a tracker; raises UsageError if it cannot be reached."""
-        return cls(Tracker(settings.tracking_uri, settings.output).outcomes())
+        self._by_key = {run.outcome.key: run for run in runs}
+        by_preference = sorted(runs, key=lambda run: not run.outcome.stand_in)  # the last one of a setting counts
+        self._by_setting = {run.outcome.setting: run for run in by_preference}
 
     @classmethod
     def of_folder(cls, trials: Path) -> Runs:
@@ -54,18 +42,30 @@ class Runs:
 
 
 def answers(request: Request, runs: Runs | None = None) -> tuple[list[Answer], Runs]:
-    """Each trial of a request with the run that answers it, or None; and the runs.
+    """Each trial of a request with the run that answers it, or None; and the runs, by default all of the tracker's.
 
-    Parameters
-    ----------
-    request : Request
-    runs : Runs, optional
-        By default the tracker's, which are read.
-
-    Raises
-    ------
-    UsageError
-        If the tracker cannot be reached.
+    Raises UsageError if the tracker cannot be reached.
     """
-    runs = runs or Runs.of_tracker(request.settings)
+    runs = runs or Runs(Tracker(request.settings.tracking_uri, request.settings.output).outcomes())
     return [(trial, runs.find(identify(trial, own).key, trial.setting)) for trial, own in request.trials], runs
+
+
+class Arrays:
+    """Reads the arrays of runs: from the trial's folder, or from the tracker's artifacts if the folder is not here."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._tracker = Tracker(settings.tracking_uri, settings.output)
+        self._read = lru_cache(maxsize=256)(self._load)
+
+    def __call__(self, run: Tracked) -> dict[str, Any]:
+        """The arrays of a run by name; empty if it has none."""
+        return self._read(run.outcome.key, run.run_id) if run.outcome.status == OK else {}
+
+    def _load(self, key: str, run_id: str) -> dict[str, Any]:
+        path = self._settings.trials / key / ARRAYS
+        if not path.is_file():
+            path = self._settings.output / "fetched" / run_id / ARRAYS
+            if not path.is_file() and not self._tracker.fetch(run_id, ARRAYS, path.parent):
+                return {}
+        return read_arrays(path)

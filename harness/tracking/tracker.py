@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import re
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from datetime import datetime
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,8 +37,13 @@ for _name, _value in {
     os.environ.setdefault(_name, _value)
 
 
+def damage(folder: Path, error: Exception) -> str:
+    """A line about an error that the files of a trial's folder cause."""
+    return f"{folder}: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+
+
 class Tracker:
-    """An MLflow store of trials.
+    """An MLflow store of trials; every method that uses it raises UsageError if it cannot be reached or has an error.
 
     Parameters
     ----------
@@ -47,16 +51,12 @@ class Tracker:
         ``sqlite:///...`` or the address of an MLflow server, which may hold a login; the attribute ``uri`` does not.
     output : Path
         The output folder, with the lock file and, for SQLite, the artifacts.
-
-    Raises
-    ------
-    UsageError
-        By every method that uses the store, if it cannot be reached or reports an error.
     """
 
     def __init__(self, uri: str, output: Path) -> None:
         self.uri, self._login = address.split(uri)
         self.output = output
+        self._file = Path(self.uri.removeprefix("sqlite:///")) if self.uri.startswith("sqlite:///") else None
         self._client: MlflowClient | None = None
         self._experiment = ""
 
@@ -78,8 +78,7 @@ class Tracker:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # they log the errors that they raise
         os.environ.update(self._login)
         artifacts = None
-        if self.uri.startswith("sqlite:///"):
-            path = Path(self.uri.removeprefix("sqlite:///"))
+        if path := self._file:
             artifacts = (self.output / "artifacts").as_uri()
             if not path.exists():  # made under another name first: a kill leaves no half-made store
                 fresh = path.with_name(f".{path.name}.new")
@@ -108,18 +107,8 @@ class Tracker:
     def log(self, outcome: Outcome, folder: Path) -> str:
         """Write a trial as a run, unless the store has a complete run of the same trial and time; replace any other.
 
-        The tag ``finished`` is written last. A run without it was cut short and is written anew.
-
-        Parameters
-        ----------
-        outcome : Outcome
-        folder : Path
-            The trial's folder, whose files become artifacts.
-
-        Returns
-        -------
-        str
-            The id of the run.
+        The tag ``finished`` is written last. A run without it was cut short and is written anew. The files of the
+        trial's folder become artifacts. Returns the id of the run.
         """
         from mlflow.entities import Metric, Param, RunStatus, RunTag
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
@@ -133,13 +122,12 @@ class Tracker:
                 client.delete_run(run.info.run_id)
             end = int(datetime.fromisoformat(outcome.finished).timestamp() * 1000)
             start = end - int((outcome.seconds or 0) * 1000)
-            run = client.create_run(
-                self._experiment, start_time=start, run_name=f"{outcome.dataset} {outcome.method}", tags=tags(outcome)
-            )
+            name = f"{outcome.dataset} {outcome.method}"
+            run = client.create_run(self._experiment, start_time=start, run_name=name, tags=tags(outcome))
             run_id = str(run.info.run_id)
             measured = {name: getattr(outcome, name) for name in ("seconds", "cpu_seconds", "peak_mb")}
-            metrics = outcome.metrics | {name: value for name, value in measured.items() if value is not None}
-            points = [Metric(name, value, end, 0) for name, value in metrics.items()]
+            metrics = outcome.metrics | measured
+            points = [Metric(name, value, end, 0) for name, value in metrics.items() if value is not None]
             points += [Metric(name, value, end, step) for name, step, value in curves]
             place = get_artifact_repository(run.info.artifact_uri, tracking_uri=self.uri)
             for name in (RESULT, ARRAYS, TRACEBACK, LOG):
@@ -147,22 +135,17 @@ class Tracker:
                     place.log_artifact(str(folder / name))
             status = RunStatus.FINISHED if outcome.status == OK else RunStatus.FAILED
             client.set_terminated(run_id, RunStatus.to_string(status), end)
-            client.log_batch(
-                run_id,
-                metrics=points[:1000],
-                params=[Param(k, v) for k, v in parameters(outcome).items()],
-                tags=[RunTag(k, v) for k, v in (record_tags(outcome) | {"finished": outcome.finished}).items()],
-            )
+            params = [Param(k, v) for k, v in parameters(outcome).items()]
+            last = [RunTag(k, v) for k, v in (record_tags(outcome) | {"finished": outcome.finished}).items()]
+            client.log_batch(run_id, points[:1000], params, last)
             self._mark_tracked(outcome, folder)
         return run_id
 
     def holds(self, outcome: Outcome, folder: Path) -> bool:
         """Whether a mark in the trial's folder says that this store has the record; does not import MLflow."""
-        if self.uri.startswith("sqlite:///") and not Path(self.uri.removeprefix("sqlite:///")).is_file():
-            return False
         try:
             return (folder / TRACKED).read_bytes() == self._mark(outcome)
-        except OSError:
+        except OSError:  # there is no mark, or no store
             return False
 
     def _mark_tracked(self, outcome: Outcome, folder: Path) -> None:
@@ -170,15 +153,14 @@ class Tracker:
 
     def _mark(self, outcome: Outcome) -> bytes:
         """The record's time and the store; the inode tells a new SQLite file from a lost one of the same name."""
-        inode = Path(self.uri.removeprefix("sqlite:///")).stat().st_ino if self.uri.startswith("sqlite:///") else ""
+        inode = self._file.stat().st_ino if self._file else ""
         return f"{outcome.finished} {self.uri} {inode}\n".encode()
 
-    def outcomes(self, keys: Iterable[str] | None = None) -> list[Tracked]:
-        """Complete runs of all trials, or of those with some keys, oldest first."""
-        queries = [""] if keys is None else [f"tags.trial_key = '{key}'" for key in keys]
+    def outcomes(self) -> list[Tracked]:
+        """Complete runs of all trials, oldest first."""
         tracked: list[Tracked] = []
         with self._explained():
-            runs = list(chain.from_iterable(map(self._runs, queries)))
+            runs = list(self._runs())
         for run in runs:
             try:
                 outcome = Outcome.from_json(record_text(run.data.tags))
@@ -199,37 +181,24 @@ class Tracker:
             self.client.download_artifacts(run_id, name, str(folder))
         return True
 
-    def _runs(self, query: str) -> Iterator[Run]:
-        """The runs that a filter of MLflow's search finds, page by page."""
-        from mlflow.entities import ViewType
-
+    def _runs(self) -> Iterator[Run]:
+        """All runs, page by page."""
         token = None
-        while True:
+        while token != "":
             page = self.client.search_runs(
-                [self._experiment], query, ViewType.ACTIVE_ONLY, 1000, ["attributes.start_time ASC"], token
+                [self._experiment], max_results=1000, order_by=["attributes.start_time ASC"], page_token=token
             )
             yield from page
-            token = page.token
-            if not token:
-                return
+            token = page.token or ""
 
-    def sync(self, trials: Path, keys: Iterable[str] | None = None) -> tuple[int, list[str]]:
-        """Write trial folders, all or those named, into the tracker.
+    def sync(self, trials: Path) -> tuple[int, list[str]]:
+        """Write all trial folders into the tracker; a damaged one does not stop the others.
 
-        A damaged folder, or one that the tracker refuses, does not stop the others.
-
-        Returns
-        -------
-        int
-            Runs written.
-        list of str
-            A line for each folder that could not be written.
+        Returns the number of runs written, and a line for each folder that could not be written.
         """
-        keys = None if keys is None else list(keys)
-        tracked = {(t.outcome.key, t.outcome.finished) for t in self.outcomes(keys)}
-        folders = [trials / key for key in keys] if keys is not None else sorted(trials.glob("*/"))
+        tracked = {(t.outcome.key, t.outcome.finished) for t in self.outcomes()}
         written, problems = 0, []
-        for folder in folders:
+        for folder in sorted(trials.glob("*/")):
             outcome = read_record(folder)
             if outcome is None:
                 if (folder / RESULT).exists():
@@ -241,7 +210,7 @@ class Tracker:
                 except UsageError:
                     raise
                 except Exception as error:  # a file in the folder is damaged
-                    problems.append(f"{folder}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
+                    problems.append(damage(folder, error))
             elif not self.holds(outcome, folder):
                 self._mark_tracked(outcome, folder)
         return written, problems

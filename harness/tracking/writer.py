@@ -14,23 +14,16 @@ from typing import TYPE_CHECKING
 from nrsfm.harness.config.address import shown
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import read_record
-from nrsfm.harness.tracking.tracker import Tracker
+from nrsfm.harness.tracking.tracker import Tracker, damage
 from nrsfm.harness.trial.isolation import start_process
 
 if TYPE_CHECKING:
     from nrsfm.harness.config.settings import Settings
 
-RETRY_AFTER = 5.0
-"""Seconds between a failed write and the next try."""
-
-SILENCE = 60.0
-"""Seconds without a written trial, once the sweep is over, after which the tracker is given up."""
-
-FINAL_TRIES = 2
-"""Failed writes in a row, once the sweep is over, after which the tracker is given up."""
-
-LIVES = 3
-"""How often the writer process may be lost."""
+RETRY_AFTER = 5.0  # seconds between a failed write and the next try
+SILENCE = 60.0  # seconds without a written trial, once the sweep is over, after which the tracker is given up
+FINAL_TRIES = 2  # failed writes in a row, once the sweep is over, after which the tracker is given up
+LIVES = 3  # how often the writer process may be lost
 
 
 class Writer:
@@ -38,16 +31,11 @@ class Writer:
 
     While the tracker fails, one trial is tried every ``RETRY_AFTER`` seconds. A trial whose own files are damaged is
     left out. A writer process that is killed is started again. A trial is written once whatever happens, see
-    :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. For use by one thread.
-
-    Parameters
-    ----------
-    settings : Settings
-    ready : Connection, optional
-        To a process of :func:`prepare`; closed by :meth:`finish`, used or not.
+    :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. For use by one thread. ``ready``, a process of :func:`prepare`,
+    is closed by :meth:`finish`, used or not.
     """
 
-    def __init__(self, settings: Settings, ready: Connection | None = None) -> None:
+    def __init__(self, settings: Settings, ready: Connection) -> None:
         self._settings = settings
         self._uri = shown(settings.tracking_uri)
         self._tracker_error = ""
@@ -58,7 +46,7 @@ class Writer:
         self._next_try = 0.0
         self._last_answer = 0.0
         self._failures = 0  # in a row
-        self._ready = ready
+        self._ready: Connection | None = ready
         self._pipe: Connection | None = None
 
     @property
@@ -116,9 +104,9 @@ class Writer:
         try:
             while self._pipe.poll(seconds):
                 seconds = 0
-                key, self._tracker_error, damage = self._pipe.recv()
+                key, self._tracker_error, damaged = self._pipe.recv()
                 self._last_answer = time.monotonic()
-                self._damaged = self._damaged or damage
+                self._damaged = self._damaged or damaged
                 if self._tracker_error:  # the process has dropped what came after
                     self._sent = []
                     self._failures += 1
@@ -163,9 +151,9 @@ def _serve(pipe: Connection) -> None:
             _ = tracker.client
         while True:
             for key in pipe.recv():
-                tracker_error, damage = _write(tracker, trials / key)
-                pipe.send((key, tracker_error, damage))
-                if tracker_error:
+                errors = _write(tracker, trials / key)
+                pipe.send((key, *errors))
+                if errors[0]:
                     break
 
 
@@ -178,5 +166,5 @@ def _write(tracker: Tracker, folder: Path) -> tuple[str, str]:
     except (UsageError, OSError) as error:
         return " ".join(str(error).split()), ""
     except Exception as error:
-        return "", f"{folder}: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        return "", damage(folder, error)
     return "", ""

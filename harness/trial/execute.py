@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,10 +14,9 @@ from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.environment import COMPUTES, environment
 from nrsfm.harness.record.outcome import ABSENT, FAILED, OK, Outcome
-from nrsfm.harness.record.trial import GROUPS, Trial
-from nrsfm.harness.trial.identity import Identity, identify
+from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.trial.identity import Identity, identify, packages_of
 from nrsfm.harness.trial.isolation import Stopped, run_isolated
-from nrsfm.harness.trial.packages import packages_of
 from nrsfm.harness.trial.progress import forget, place
 
 
@@ -42,11 +40,8 @@ def execute(
 
     Parameters
     ----------
-    trial : Trial
-    settings : Settings
     identity : Identity, optional
-        As :func:`identify` gives it, which is called where none is passed. If the data change afterwards, the trial
-        fails instead of being recorded under the wrong key.
+        If the data change after :func:`identify`, the trial fails instead of being recorded under the wrong key.
     old : str, optional
         When the record that the sweep found at its start was finished, "" if there was none. A record with any other
         time is new and is not repeated, whatever ``settings.rerun`` says. Times are only compared for equality,
@@ -54,18 +49,10 @@ def execute(
     again : bool
         Run the trial whatever record it has.
     stopped : callable
-        Called several times a second; when it returns true the trial is killed and leaves no record.
+        Called several times a second; when it returns true the trial is killed, leaves no record, and
+        :class:`~nrsfm.harness.trial.isolation.Stopped` is raised.
     wait : bool
-        Wait for another process that runs the trial.
-
-    Raises
-    ------
-    Busy
-        If another process runs the trial and ``wait`` is false.
-    nrsfm.harness.trial.isolation.Stopped
-        If ``stopped`` ended the trial.
-    OSError
-        If its files cannot be written.
+        Wait for another process that runs the trial; otherwise Busy is raised.
     """
     identity = identity or identify(trial, settings)
     folder = settings.trials / identity.key
@@ -92,17 +79,18 @@ def execute(
 def _run(trial: Trial, settings: Settings, identity: Identity, folder: Path, stopped: Callable[[], bool]) -> None:
     """Run the trial in its own process; write its record here if that process could not."""
     start = time.monotonic()
-    blank = _blank(trial, settings, identity)
+    environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": identity.data}
+    environment = {name: value for name, value in environment.items() if value}
+    blank = replace(Outcome.of_trial(trial, identity.key), sweep=settings.sweep, environment=environment)
     if identity.reason:
         status = ABSENT if identity.absent else FAILED
         storage.write_record(folder, replace(blank, status=status, error=identity.reason))
         return
     step = place(settings.output, settings.sweep, identity.key)
-    stand_in = settings.missing == "stand_in"
     try:
         ended = run_isolated(
             "nrsfm.harness.trial.worker:work",
-            (trial, blank, settings.data, stand_in, folder, settings.memory_gb, step),
+            (trial, blank, settings.data, settings.missing == "stand_in", folder, settings.memory_gb, step),
             seconds=settings.seconds,
             memory_gb=settings.memory_gb,
             threads=settings.threads,
@@ -144,25 +132,3 @@ def repeats(record: Outcome, trial: Trial, rerun: str, old: str | None = None) -
         current = {**environment(), "packages": packages_of(trial)}
         return any(record.environment.get(name, "") != current[name] for name in COMPUTES)
     return rerun == "all" or (rerun == "failed" and record.status != OK)
-
-
-def _blank(trial: Trial, settings: Settings, identity: Identity) -> Outcome:
-    """The part of an outcome that is known before the trial runs."""
-    environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": identity.data}
-    placement = trial.dataset.get("placement", "")
-    return Outcome(
-        key=identity.key,
-        setting=trial.setting,
-        status=FAILED,
-        dataset=str(trial.dataset["name"]),
-        method=str(trial.method["name"]),
-        cameras=str(trial.cameras["source"]),
-        placement=placement if isinstance(placement, str) else json.dumps([float(x) for x in placement]),
-        motion=str(trial.dataset.get("motion", "")),
-        level=float(trial.noise["level"]),
-        repeat=int(trial.noise["repeat"]),
-        n_bodies=trial.n_bodies if isinstance(trial.n_bodies, int) else None,
-        sweep=settings.sweep,
-        parameters={group: dict(getattr(trial, group)) for group in GROUPS},
-        environment={name: value for name, value in environment.items() if value},
-    )

@@ -9,15 +9,16 @@ from __future__ import annotations
 import contextlib
 import errno
 import importlib
-import multiprocessing.connection
+import multiprocessing
 import os
+import resource
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import connection, forkserver, resource_tracker
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,8 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 def start_server(threads: int = 1) -> None:
     """Start the server that forks the children, unless it runs; its libraries load in the background."""
     _CONTEXT.set_forkserver_preload(PRELOAD)
-    with _CHILDREN, _without_interrupt(), _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _light_main():
+    variables = dict.fromkeys(THREAD_VARIABLES, str(threads))
+    with _CHILDREN, without_interrupt(), with_environment(variables), _light_main():
         forkserver.ensure_running()
 
 
@@ -65,7 +67,7 @@ def start_process(target: Callable[..., None], *args: Any) -> None:
 
     It is a new interpreter, so that it starts at once and does not wait for the server to load its libraries.
     """
-    with _CHILDREN, _without_interrupt(), _environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
+    with _CHILDREN, without_interrupt(), with_environment(dict.fromkeys(THREAD_VARIABLES, "1")), _light_main():
         multiprocessing.get_context("spawn").Process(target=target, args=args, daemon=True).start()
 
 
@@ -79,7 +81,9 @@ def run_isolated(
     log: Path | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Ended:
-    """Call a function in a child process under limits.
+    """Call a function in a child process under limits; returns how it ended.
+
+    Raises OSError if the child could not write its files because the disk is full.
 
     Parameters
     ----------
@@ -95,25 +99,13 @@ def run_isolated(
     log : Path, optional
         Where the child's standard output and error go.
     stopped : callable
-        Called several times a second; when it returns true the child is killed.
-
-    Returns
-    -------
-    Ended
-        ok, timeout, oom, or crashed with the signal or exit code.
-
-    Raises
-    ------
-    Stopped
-        If ``stopped`` returned true.
-    OSError
-        If the child could not write its files because the disk is full.
+        Called several times a second; when it returns true the child is killed and Stopped is raised.
     """
     child = _start(_child, (target, args, memory_gb, threads, log), threads)
     measure_at = time.monotonic() + MEMORY_SECONDS
     end = time.monotonic() + seconds
     try:
-        while not _ends_within(child, min(POLL_SECONDS, end - time.monotonic())):
+        while not connection.wait([child.sentinel], max(0.0, min(POLL_SECONDS, end - time.monotonic()))):
             if stopped():
                 raise Stopped
             now = time.monotonic()
@@ -142,10 +134,6 @@ def run_isolated(
     return Ended(CRASHED, f"the process ended with exit code {code}")
 
 
-def _ends_within(child: ForkServerProcess, seconds: float) -> bool:
-    return bool(multiprocessing.connection.wait([child.sentinel], max(0.0, seconds)))
-
-
 def _start(target: Callable[..., None], args: tuple[Any, ...], threads: int) -> ForkServerProcess:
     """Have the server fork a process; starts the server again if it is killed meanwhile."""
     for left in reversed(range(STARTS)):
@@ -172,7 +160,9 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
         os.dup2(handle, 1)
         os.dup2(handle, 2)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    _limit_memory(memory_gb)
+    with contextlib.suppress(ValueError, OSError):
+        limit = int(memory_gb * 2**30)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     if os.environ.get(THREAD_VARIABLES[0]) != str(threads):  # the setting under which the server loaded its libraries
         from threadpoolctl import threadpool_limits
 
@@ -194,17 +184,9 @@ def _child(target: str, args: tuple[Any, ...], memory_gb: float, threads: int, l
 def _die_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
+        connection.wait([parent.sentinel])
         with contextlib.suppress(OSError):
             os.killpg(0, signal.SIGKILL)
-
-
-def _limit_memory(memory_gb: float) -> None:
-    import resource
-
-    limit = int(memory_gb * 2**30)
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
 def held_gb(session: int, enough: float) -> float:
@@ -213,22 +195,18 @@ def held_gb(session: int, enough: float) -> float:
     Pages that they share count once, which takes time to measure. So it is only done when the sum of their resident
     sizes exceeds ``enough``.
     """
+    resident = alone = 0
     members = _members(session)
-    resident = sum(_memory(process, shared_once=False) for process in members)
-    if resident > enough * 2**30:
-        return sum(_memory(process, shared_once=True) for process in members) / 2**30
-    return resident / 2**30
-
-
-def _memory(process: psutil.Process, shared_once: bool) -> int:
-    """Bytes of memory of a process, with its part of shared pages or all of them; 0 if the process has ended."""
-    try:
-        if not shared_once:
-            return int(process.memory_info().rss)
-        info = process.memory_full_info()
-        return int(info.pss + info.swap if sys.platform == "linux" else info.uss)
-    except psutil.Error:
-        return 0
+    for member in members:
+        with contextlib.suppress(psutil.Error):  # it has ended
+            resident += member.memory_info().rss
+    if resident <= enough * 2**30:
+        return resident / 2**30
+    for member in members:
+        with contextlib.suppress(psutil.Error):
+            info = member.memory_full_info()
+            alone += info.pss + info.swap if sys.platform == "linux" else info.uss
+    return alone / 2**30
 
 
 def _members(session: int) -> list[psutil.Process]:
@@ -252,7 +230,7 @@ def _kill_session(pid: int | None) -> None:
 
 
 @contextlib.contextmanager
-def _without_interrupt() -> Iterator[None]:
+def without_interrupt() -> Iterator[None]:
     """Block Ctrl-C in processes that are started meanwhile; this process receives it afterwards."""
     resource_tracker.ensure_running()  # starting it would unblock the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -263,18 +241,22 @@ def _without_interrupt() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Set environment variables while the server may start, because it needs them before it loads numpy."""
+def with_environment(variables: Mapping[str, str | None]) -> Iterator[None]:
+    """Set environment variables, or remove those that are None, for processes that are started meanwhile."""
     before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
+    _set_variables(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        _set_variables(before)
+
+
+def _set_variables(variables: Mapping[str, str | None]) -> None:
+    for name, value in variables.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 @contextlib.contextmanager
@@ -291,7 +273,5 @@ def _light_main() -> Iterator[None]:
 
 def peak_mb() -> float:
     """Largest resident size of this process so far, in MB."""
-    import resource
-
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)

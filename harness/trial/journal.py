@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Predicate
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.outcome import STATUSES
+from nrsfm.harness.record.untrusted import checked
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,7 @@ class Entry:
 
     key: str
     title: str
-    status: str
+    status: Annotated[str, Predicate(STATUSES.__contains__)]
     ran: bool
 
 
@@ -28,11 +32,8 @@ def note(settings: Settings, entry: Entry) -> None:
         path = journal(settings.output, settings.sweep)
         path.parent.mkdir(parents=True, exist_ok=True)
         line = json.dumps(entry.__dict__) + "\n"
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        try:
-            os.write(handle, line.encode())
-        finally:
-            os.close(handle)
+        with path.open("ab", buffering=0) as stream:
+            stream.write(line.encode())
 
 
 def journal(output: Path, sweep: str) -> Path:
@@ -50,15 +51,5 @@ def entries(path: Path, start: int = 0) -> Iterator[tuple[Entry, int]]:
             if not line.endswith(b"\n"):
                 return
             start += len(line)
-            if entry := _entry(line):
-                yield entry, start
-
-
-def _entry(line: bytes) -> Entry | None:
-    """The entry of a line, None if it is invalid."""
-    try:
-        entry = Entry(**json.loads(line))
-    except (ValueError, TypeError, RecursionError):
-        return None
-    texts = all(type(text) is str for text in (entry.key, entry.title, entry.status))
-    return entry if texts and type(entry.ran) is bool and entry.status in STATUSES else None
+            with suppress(ValueError):
+                yield checked(Entry, line), start

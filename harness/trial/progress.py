@@ -5,8 +5,14 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Ge, Lt
+
+from nrsfm.harness.record.untrusted import checked, read_bounded
 
 LARGEST = 1 << 16  # bytes of the file
 SECONDS, LOG_SECONDS = 0.5, 10.0  # between two iterations that are written to the file, and to the trial's log
@@ -18,8 +24,8 @@ class Step:
 
     title: str
     stage: str = ""
-    iteration: int = 0
-    iterations: int = 0
+    iteration: Annotated[int, Ge(0), Lt(10**9)] = 0
+    iterations: Annotated[int, Ge(0), Lt(10**9)] = 0
     residuals: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -77,17 +83,5 @@ def forget(path: Path | None) -> None:
 def steps(output: Path, sweep: str) -> Iterator[tuple[str, Step]]:
     """Key and step of every running trial."""
     for path in sorted((output / "sweeps" / sweep / "running").glob("*.json")):
-        try:
-            step = Step(**json.loads(path.read_bytes()[:LARGEST]))
-            _ = step.words
-            valid = all(type(n) is int and 0 <= n < 10**9 for n in (step.iteration, step.iterations))
-        except (
-            OSError,
-            ValueError,
-            TypeError,
-            AttributeError,
-            RecursionError,
-        ):  # it has just ended, or is invalid
-            continue
-        if valid:
-            yield path.stem, step
+        with suppress(ValueError):  # the trial has just ended, or the file is invalid
+            yield path.stem, checked(Step, read_bounded(path, LARGEST))

@@ -39,14 +39,7 @@ def work(
 ) -> None:
     """Run a trial and write its arrays and its record into ``folder``; an exception becomes a record with its text.
 
-    Parameters
-    ----------
-    blank : Outcome
-        The fields that are known before; :func:`compute` checks the data against its digest.
-    memory_gb : float
-        A method that foresees that it needs more is refused.
-    step : Path, optional
-        File that is kept up to date with the stage and the iteration.
+    ``blank`` has the fields that are known before; ``step`` is a file that holds the stage and the iteration.
     """
     start, cpu = time.perf_counter(), time.process_time()
     try:
@@ -63,13 +56,8 @@ def work(
             (folder / TRACEBACK).write_text(traceback.format_exc())
         status = ABSENT if isinstance(error, MissingData) else FAILED
         outcome = replace(blank, status=status, error=text[:2000])
-    outcome = replace(
-        outcome,
-        seconds=round(time.perf_counter() - start, 4),
-        cpu_seconds=round(time.process_time() - cpu, 4),
-        peak_mb=round(peak_mb(), 1),
-    )
-    write_record(folder, outcome)
+    seconds, cpu_seconds = round(time.perf_counter() - start, 4), round(time.process_time() - cpu, 4)
+    write_record(folder, replace(outcome, seconds=seconds, cpu_seconds=cpu_seconds, peak_mb=round(peak_mb(), 1)))
 
 
 def compute(
@@ -82,12 +70,8 @@ def compute(
 ) -> tuple[Outcome, Mapping[str, Any]]:
     """Make the scene, run the method and measure; returns an Outcome of status ok and the arrays to keep.
 
-    Raises
-    ------
-    DatasetError
-        If the scene cannot be made, or its data are no longer those of the digest in ``blank``.
-    MethodError, UsageError
-        If the settings do not fit the scene or the method, or the method would need more than ``memory_gb``.
+    Raises DatasetError if the data are no longer those of the digest in ``blank``, and MethodError if the method
+    foresees that it needs more than ``memory_gb``.
     """
     stage(progress, "scene")
     scene = load_scene(trial.dataset, data, stand_in)
@@ -106,29 +90,14 @@ def compute(
     auto = n_bodies is None
     if auto and solution.labels is not None:
         n_bodies = len(np.unique(solution.labels))
-    outcome = replace(
-        blank,
-        status=OK,
-        metrics=metrics.evaluate(noisy, solution, known_cameras=known, counted=auto),
-        stand_in=scene.stand_in,
-        n_bodies=n_bodies,
-        n_points=scene.n_points,
-        n_frames=scene.n_frames,
-    )
-    parts = {
-        "structure": solution.structure,
-        "labels": solution.labels,
-        "affinity": solution.affinity,
-        "cameras": solution.cameras,
-        "tracks": noisy.tracks,
-        "visible": noisy.visible,
-        "true_structure": scene.structure,
-        "true_labels": scene.labels,
-        "edges": scene.edges,
-        **metrics.by_frame(noisy, solution, known_cameras=known),
-    }
-    arrays = pack({name: value for name, value in parts.items() if value is not None})
-    return outcome, arrays | {f"history_{name}": values for name, values in solution.history.items()}
+    numbers = metrics.evaluate(noisy, solution, known_cameras=known, counted=auto)
+    outcome = replace(blank, status=OK, metrics=numbers, stand_in=scene.stand_in, n_bodies=n_bodies)
+    outcome = replace(outcome, n_points=scene.n_points, n_frames=scene.n_frames)
+    parts = {name: getattr(solution, name) for name in ("structure", "labels", "affinity", "cameras")}
+    parts |= {"tracks": noisy.tracks, "visible": noisy.visible}
+    parts |= {"true_structure": scene.structure, "true_labels": scene.labels, "edges": scene.edges}
+    parts |= metrics.by_frame(noisy, solution, known_cameras=known)
+    return outcome, pack(parts) | {f"history_{name}": values for name, values in solution.history.items()}
 
 
 def _n_bodies(trial: Trial, scene: Scene) -> int | None:
@@ -139,8 +108,7 @@ def _n_bodies(trial: Trial, scene: Scene) -> int | None:
     if not isinstance(n_bodies, int):
         raise UsageError(f"scene {scene.name} does not say how many bodies it has; set n_bodies, or n_bodies=auto")
     if scene.n_bodies is not None and n_bodies != scene.n_bodies:
-        raise UsageError(
-            f"scene {scene.name} has {scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'} and n_bodies is "
-            f"{n_bodies}; leave n_bodies out or choose another scene"
-        )
+        its = f"{scene.n_bodies} {'body' if scene.n_bodies == 1 else 'bodies'}"
+        remedy = "leave n_bodies out or choose another scene"
+        raise UsageError(f"scene {scene.name} has {its} and n_bodies is {n_bodies}; {remedy}")
     return n_bodies

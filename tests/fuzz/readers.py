@@ -193,8 +193,8 @@ def _hopkins() -> list[bytes]:
 def _work() -> list[bytes]:
     trial = {name: {"name": "a", "source": "known", "level": 0.0, "repeat": 0} for name in ("dataset", "method")}
     trial |= {"cameras": {"source": "known"}, "noise": {"level": 0.0, "repeat": 0}}
-    settings = {"output": "/nowhere", "data": "/nowhere", "seconds": 10.0}
-    head = {"until": 1.0, "home": "host 1"}
+    settings = {"output": "/nowhere", "data": "/nowhere", "tracking_uri": "", "seconds": 10.0}
+    head = {"path": "a.work", "until": 1.0, "host": "host", "pid": 1}
     job = {"trial": trial, "settings": settings, "identity": {"key": "a"}, "old": ""}
     return [json.dumps(head | {"jobs": [job]}).encode()]
 

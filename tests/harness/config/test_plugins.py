@@ -17,7 +17,7 @@ from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.environment import environment
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.trial.execute import repeats
-from nrsfm.harness.trial.packages import described, packages_of
+from nrsfm.harness.trial.identity import described, packages_of
 from nrsfm.methods import registry as methods
 from tests.shell import ROOT, TINY, Shell, records
 
