@@ -12,6 +12,10 @@ from nrsfm.harness.cli import verbs
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns its exit code. No error of the user's ends in a traceback."""
+    if "_ARGCOMPLETE" in os.environ:
+        from nrsfm.harness.cli.completion import Finder
+
+        Finder().answer()
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help"):
         print(verbs.usage(), end="")

@@ -11,9 +11,7 @@ from typing import Any, NoReturn
 
 from nrsfm.harness.record.text import printable
 
-FILES = ":files"  # offered in place of words where a path is wanted
-
-#: Gives the words that complete an argument, each with a line that explains it.
+#: Gives the words that complete an argument, each with an explanation.
 Words = Callable[[], Mapping[str, str]]
 
 
@@ -90,8 +88,3 @@ def group_choices(group: str) -> Words:
         return {name: line for name, (line, _) in choices(group).items()}
 
     return offers
-
-
-def paths() -> Mapping[str, str]:
-    """Completes the name of a file."""
-    return {FILES: ""}

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from nrsfm.harness.cli.parser import Parser, group_choices, paths
+from nrsfm.harness.cli.parser import Parser, group_choices
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import AUTO
 
@@ -140,7 +140,7 @@ result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, n
 
 exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )
-    parser.add_words("file", paths, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_argument("file", type=Path, help="tracks: .npz, .mat, .csv or .c3d")
     parser.add_overrides(
         only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
     )

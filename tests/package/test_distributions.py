@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from nrsfm.harness.cli.completion import SHELLS
 from nrsfm.harness.cli.verbs import VERBS
 from tests.checkout import BESIDE, FILES, contents
 from tests.shell import ROOT
@@ -36,7 +35,6 @@ def test_the_wheel_holds_every_file_of_the_package_and_no_other(built: Path) -> 
         metadata = email.message_from_bytes(archive.read(about))
     inside = names_in(wheel)
     assert {f"src/{name}" for name in inside} == contents(built / "sources", "src/nrsfm")
-    assert {f"nrsfm/harness/cli/shells/nrsfm.{shell}" for shell in SHELLS} <= inside
     assert not [name for name in inside if "tests/" in name or "__pycache__" in name]
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     assert metadata["Name"] == "nrsfm"

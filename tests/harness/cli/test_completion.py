@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import re
@@ -10,18 +11,38 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from nrsfm.harness.cli.completion import SHELLS, candidates
+from nrsfm.harness.cli.completion import SHELLS, Finder
 from nrsfm.harness.cli.verbs import VERBS
 from tests.shell import ROOT, Shell
 
+Ask = Callable[[str], dict[str, str]]
 
-def after(line: str) -> list[str]:
-    return list(candidates(f"nrsfm {line}"))
+
+def variables(line: str) -> dict[str, str]:
+    """The environment in which fish asks argcomplete for the words at the end of a line."""
+    words = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SHELL": "fish"}
+    return words | {"_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_DFS": "\t", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
+
+
+@pytest.fixture
+def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
+    """Gives the words that complete a line after ``nrsfm``, each with its explanation."""
+
+    def call(line: str) -> dict[str, str]:
+        output = io.StringIO()
+        with monkeypatch.context() as patch:
+            patch.setattr(Finder, "_init_debug_stream", lambda finder: None)  # it takes pytest's file descriptor 9
+            for name, value in variables(f"nrsfm {line}").items():
+                patch.setenv(name, value)
+            Finder().answer(exit_method=str, output_stream=output)
+        return dict(answer.split("\t") for answer in output.getvalue().splitlines())
+
+    return call
 
 
 @pytest.mark.parametrize(
@@ -32,14 +53,14 @@ def after(line: str) -> list[str]:
         ("--v", ["--version"]),
         ("report --f", ["--folder", "--figures"]),
         ("report --quiet table1 --c", ["--claims"]),
-        ("report --folder ", [":files"]),
         ("report table1 --folder out conv", ["convergence"]),
         ("bless ", ["quick", "tables"]),
-        ("solve ", [":files"]),
         ("solve tracks.npz --method ours_ap", ["ours_apart"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
         ("solve tracks.npz method.max_", ["method.max_iter="]),
-        ("bless quick comp", ["compare.", "compare="]),
+        ("bless quick comp", ["compare=", "compare."]),
+        ("run lim", ["limits.memory_gb=", "limits.seconds=", "limits.sweep_seconds="]),
+        ("run -m method=edsc -m noise.l", ["noise.level="]),
         ("data ", ["list", "get", "verify", "where"]),
         ("data get dri", ["drink", "drink.mat"]),
         ("list d", ["datasets"]),
@@ -47,6 +68,8 @@ def after(line: str) -> list[str]:
         ("new method mine ", []),
         ("run --cfg ", ["job", "hydra", "all"]),
         ("run noise.l", ["noise.level="]),
+        ("run dataset.bod", ["dataset.bodies="]),
+        ("run dataset.bodies=", []),
         ("run noise=", ["noise=gaussian"]),
         ("run rerun=", ["rerun=none", "rerun=failed", "rerun=stale", "rerun=all"]),
         ("run limits.seconds=", ["limits.seconds=3600"]),
@@ -55,43 +78,40 @@ def after(line: str) -> list[str]:
         ("run -m exp", ["experiment="]),
         ("plan experiment=dense", [f"experiment=dense{end}" for end in ("", "_full", "_full_99")]),
         ("run method=edsc method.clusterer.dim", ["method.clusterer.dimension="]),
-        ("run method=a,b dataset=[ method=no method.l", ["method.l1."]),  # what cannot be used is passed over
+        ("run method=a,b dataset=[ method=no method.l", ["method.l1="]),  # what cannot be used is passed over
         ("run hydra/launcher=jo", ["hydra/launcher=joblib"]),
         ("run 'cameras=", ["cameras=estimated", "cameras=known"]),
-        ("solve ", [":files"]),
-        ("solve tracks.npz ", ["cameras.", "limits.", "method.", "threads="]),
+        ("solve tracks.npz ", ["threads=", "cameras.", "limits.", "method."]),
         ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k6", "bmm_ssc3d_share70"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
-        ("frobnicate ", []),
     ],
 )
-def test_what_may_stand_next(line: str, offered: list[str]) -> None:
-    assert set(offered) <= set(after(line)) if line.endswith("ou") else after(line) == offered
+def test_what_may_stand_next(ask: Ask, line: str, offered: list[str]) -> None:
+    words = list(ask(line))
+    assert set(offered) <= set(words) if line.endswith("ou") else words == offered
 
 
-def test_a_variable_before_the_command_is_no_verb() -> None:
-    assert list(candidates("NRSFM_OUTPUT=there nrsfm doc")) == ["doctor"]
-
-
-def test_groups_stand_where_they_can_be_given() -> None:
-    plain, added, removed = after("run "), after("run +"), after("run ~")
-    assert {"dataset=", "method=", "dataset.", "experiment="} <= set(plain)
+def test_groups_stand_where_they_can_be_given(ask: Ask) -> None:
+    plain, added, removed = ask("run "), ask("run +"), ask("run ~")
+    assert {"dataset=", "method=", "dataset.", "experiment="} <= plain.keys()
     assert "part=" not in plain
-    assert not {"+experiment=", "experiment=", "+dataset=", "+part="} & set(added)
+    assert not {"+experiment=", "experiment=", "+dataset=", "+part="} & added.keys()
     assert "~noise" in removed
 
 
-def test_paths_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_are_completed(ask: Ask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "lab").mkdir()
     (tmp_path / "letter.txt").touch()
     monkeypatch.chdir(tmp_path)
-    assert after("run output=./l") == ["output=./lab/", "output=./letter.txt"]
+    assert list(ask("run output=./l")) == ["output=./lab/", "output=./letter.txt"]
+    for line in ("solve l", "report --folder l"):
+        assert ask(line).keys() == {"lab/", "letter.txt"}
 
 
-def test_a_choice_says_what_it_is() -> None:
-    found = candidates("nrsfm run method=")
-    assert found.keys() > {"method=ours", "method=bmm"}
-    assert all(found.values()), found
+def test_a_choice_has_an_explanation(ask: Ask) -> None:
+    methods = ask("run method=")
+    assert methods.keys() > {"method=ours", "method=bmm"}
+    assert all(methods.values()), methods
 
 
 def test_what_packages_bring_is_offered(shell: Shell, tmp_path: Path) -> None:
@@ -102,29 +122,27 @@ def test_what_packages_bring_is_offered(shell: Shell, tmp_path: Path) -> None:
     (root / "theirs-1.0.dist-info").mkdir()
     (root / "theirs-1.0.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
     (root / "theirs-1.0.dist-info/entry_points.txt").write_text("[nrsfm.methods]\ntheirs = theirs:No\n")
-    done = shell("completion", "--query", "nrsfm run method=th", PYTHONPATH=os.pathsep.join([str(root), str(ROOT)]))
-    assert done.stdout == "method=theirs\tA method of theirs.\n"
+    line = variables("nrsfm run method=th") | {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer")}
+    shell(PYTHONPATH=os.pathsep.join([str(root), str(ROOT)]), **line)
+    assert (tmp_path / "answer").read_text() == "method=theirs\tA method of theirs."
 
 
-def test_verbs_and_options_load_nothing_heavy() -> None:
+@pytest.mark.parametrize(
+    ("line", "heavy"),
+    [
+        ("", {"numpy", "hydra", "pandas", "mlflow", "rich", "sklearn", "yaml"}),
+        ("run --", {"numpy", "hydra", "pandas", "mlflow", "rich", "sklearn", "yaml"}),
+        ("data get ", {"numpy", "hydra", "pandas", "mlflow", "rich", "sklearn", "yaml"}),
+        ("run dataset=", {"numpy", "pandas", "mlflow", "sklearn"}),
+    ],
+)
+def test_an_answer_loads_nothing_heavy(line: str, heavy: set[str]) -> None:
     code = (
-        "import sys; from nrsfm.harness.cli.main import main\n"
-        "for line in ('nrsfm ', 'nrsfm run --', 'nrsfm report --f', 'nrsfm data get '):\n"
-        "    main(['completion', '--query', line])\n"
-        "heavy = {'numpy', 'hydra', 'pandas', 'mlflow', 'rich', 'sklearn', 'yaml'} & sys.modules.keys()\n"
-        "print(heavy, file=sys.stderr); sys.exit(bool(heavy))"
+        "import sys; from nrsfm.harness.cli.completion import Finder; Finder().answer(exit_method=str)\n"
+        f"print({heavy} & sys.modules.keys(), file=sys.stderr); sys.exit(bool({heavy} & sys.modules.keys()))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-def test_overrides_load_no_method() -> None:
-    code = (
-        "import sys; from nrsfm.harness.cli.main import main; main(['completion', '--query', 'nrsfm run dataset='])\n"
-        "heavy = {'numpy', 'pandas', 'mlflow', 'sklearn'} & sys.modules.keys()\n"
-        "print(heavy, file=sys.stderr); sys.exit(bool(heavy))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    environment = os.environ | variables(f"nrsfm {line}") | {"_ARGCOMPLETE_STDOUT_FILENAME": os.devnull}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
@@ -238,6 +256,6 @@ def test_fish_completes(command: dict[str, str], tmp_path: Path) -> None:
 def test_scripts_are_of_their_shell(shell: str, nrsfm: Shell, tmp_path: Path) -> None:
     script = tmp_path / "script"
     script.write_text(nrsfm("completion", shell).stdout)
-    assert "completion --query" in script.read_text()
+    assert "_ARGCOMPLETE" in script.read_text()
     if shutil.which(shell):
         subprocess.run([shell, "-n", str(script)], check=True)
