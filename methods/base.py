@@ -17,8 +17,6 @@ Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 #: Called during long work with (iteration, iterations, residuals by name); see :func:`stage`, too.
 Progress = Callable[[int, int, Mapping[str, float]], None]
-#: Ways to keep diag(C) = 0, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
-DIAGONALS = ("threshold", "exact", "paper")
 
 
 class MethodError(ValueError):

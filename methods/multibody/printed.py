@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.methods.base import (
-    DIAGONALS,
     Array,
     Method,
     MethodError,
@@ -35,9 +34,10 @@ from nrsfm.methods.base import (
 )
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, dense_bytes
-from nrsfm.methods.multibody.problem import minimise
+from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
+from nrsfm.methods.multibody.problem import DIAGONALS, minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.structure.bmm import complete_by_shape
 
 FORMS = ("auto", "dense", "implicit")
@@ -106,16 +106,9 @@ class MultiBody(Method):
         data = standardise(complete_by_shape(observations))
         problem = self._problem(data.W, cameras, observations.edges)
         observations.stage("structure and code")
-        state, history = minimise(
-            problem,
-            problem.start(self.penalty),
-            self.max_iter,
-            self.tol,
-            growth=self.growth,
-            max_penalty=self.max_penalty,
-            visible=observations.visible,
-            progress=observations.progress,
-        )
+        limits = {"growth": self.growth, "max_penalty": self.max_penalty}
+        admm = Admm(self.max_iter, self.tol, self.penalty, **limits, progress=observations.progress)
+        state, history = minimise(problem, problem.start(self.penalty), admm, observations.visible)
         code = abs(state.E[:, :n_points])
         affinity = code + code.T
         observations.stage("clustering")
@@ -148,7 +141,7 @@ class MultiBody(Method):
             return ImplicitProblem(W, cameras, self.l1, self.l2, neighbours=neighbours, dtype=dtype, cg_tol=tol)
         if neighbours:
             return SpatialProblem(W, cameras, self.l1, self.l2, neighbours=neighbours)
-        return DenseProblem(W, cameras, self.l1, self.l2, self.diagonal)
+        return PrintedProblem(W, cameras, self.l1, self.l2, diagonal=self.diagonal)
 
     def _check_settings(self) -> None:
         for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
