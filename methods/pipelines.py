@@ -12,17 +12,8 @@ import numpy as np
 import scipy.linalg
 from sklearn.base import BaseEstimator, clone
 
-from nrsfm.methods.base import (
-    Array,
-    Labels,
-    Method,
-    MethodError,
-    Observations,
-    Reconstruction,
-    check_bodies,
-    check_gap_handling,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Labels, Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.clustering.clusterer import Code
 from nrsfm.methods.gaps import complete, enough
 from nrsfm.methods.structure.pta import trajectory_basis
@@ -54,9 +45,9 @@ class ClusterTracks(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in first."""
-        check_bodies(n_bodies, observations.tracks.shape[2])
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
         tracks = _complete(observations)
-        W = standardise(tracks).W if self.standardise else tracks
+        W = base.standardise(tracks).W if self.standardise else tracks
         if self.projection is not None:
             if n_bodies is None:
                 raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
@@ -92,7 +83,7 @@ class ReconstructThenCluster(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        check_bodies(n_bodies, observations.tracks.shape[2])
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
         structure = _structure(self.reconstructor, observations)
         observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
@@ -133,8 +124,8 @@ class ClusterThenReconstruct(Method):
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         cameras, visible = observations.required_cameras(), observations.visible
-        check_bodies(n_bodies, observations.tracks.shape[2])
-        data = standardise(_complete(observations))
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
+        data = base.standardise(_complete(observations))
         observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
         structure = np.empty((len(data.W), 3, len(labels)))
@@ -240,7 +231,7 @@ def _complete(observations: Observations) -> Array:
 
 def _structure(reconstructor: Method, observations: Observations) -> Array:
     """The structure of the tracks as one body."""
-    check_gap_handling(reconstructor, observations.visible)
+    base.check_gap_handling(reconstructor, observations.visible)
     structure = reconstructor.reconstruct(observations, 1).structure
     if structure is None:
         raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")

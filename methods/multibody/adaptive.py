@@ -23,19 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from nrsfm.methods.base import (
-    Array,
-    Method,
-    MethodError,
-    Observations,
-    Progress,
-    Reconstruction,
-    check_bodies,
-    check_count,
-    check_positive,
-    check_word,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
 from nrsfm.methods.multibody.problem import DIAGONALS, Gaps, Problem, State, minimise, solve_code
@@ -186,9 +175,9 @@ class AdaptiveMultiBody(Method):
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
         cameras, progress = observations.required_cameras(), observations.progress
-        check_bodies(n_bodies, observations.tracks.shape[2], least=1)
+        base.check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-        data = standardise(complete_by_shape(observations))
+        data = base.standardise(complete_by_shape(observations))
         observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
         observations.stage("structure and code")
@@ -234,9 +223,9 @@ class AdaptiveMultiBody(Method):
         return 8.0 * (12 * n_points**2 + 20 * 3 * n_frames * n_points + 5 * (3 * n_frames) ** 2)
 
     def _check_settings(self) -> None:
-        check_word(self, "diagonal", DIAGONALS)
-        check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
-        check_count(self, "max_iter")
+        base.check_word(self, "diagonal", DIAGONALS)
+        base.check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
+        base.check_count(self, "max_iter")
         for name in ("l1", "whitening"):
             values: Any = getattr(self, name)
             numbers = isinstance(values, Sequence) and [isinstance(v, int | float) and v >= 0 for v in values]

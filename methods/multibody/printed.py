@@ -19,19 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.methods.base import (
-    Array,
-    Method,
-    MethodError,
-    Observations,
-    Reconstruction,
-    check_at_least,
-    check_bodies,
-    check_count,
-    check_positive,
-    check_word,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
@@ -100,14 +89,16 @@ class MultiBody(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        cameras, n_points = observations.required_cameras(), observations.tracks.shape[2]
-        check_bodies(n_bodies, n_points, least=1)
+        cameras, progress = observations.required_cameras(), observations.progress
+        n_points = observations.tracks.shape[2]
+        base.check_bodies(n_bodies, n_points, least=1)
         self._check_settings()
-        data = standardise(complete_by_shape(observations))
+        data = base.standardise(complete_by_shape(observations))
         problem = self._problem(data.W, cameras, observations.edges)
         observations.stage("structure and code")
-        limits = {"growth": self.growth, "max_penalty": self.max_penalty}
-        admm = Admm(self.max_iter, self.tol, self.penalty, **limits, progress=observations.progress)
+        admm = Admm(
+            self.max_iter, self.tol, self.penalty, growth=self.growth, max_penalty=self.max_penalty, progress=progress
+        )
         state, history = minimise(problem, problem.start(self.penalty), admm, observations.visible)
         code = abs(state.E[:, :n_points])
         affinity = code + code.T
@@ -145,11 +136,11 @@ class MultiBody(Method):
 
     def _check_settings(self) -> None:
         for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
-            check_word(self, name, words)
-        check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
-        check_at_least(self, 0, "spatial", "dense_gb")
-        check_at_least(self, 1, "growth")
-        check_count(self, "max_iter")
+            base.check_word(self, name, words)
+        base.check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
+        base.check_at_least(self, 0, "spatial", "dense_gb")
+        base.check_at_least(self, 1, "growth")
+        base.check_count(self, "max_iter")
         if self.diagonal != "threshold" and (self.spatial or self.form == "implicit"):
             raise MethodError(
                 f"MultiBody: diagonal is {self.diagonal!r}; the spatial term and the implicit form need 'threshold'"
