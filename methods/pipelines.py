@@ -61,8 +61,23 @@ class ClusterTracks(Method):
         return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
+class _Pipeline(Method):
+    """A method that is made of a reconstructor and a clusterer."""
+
+    provides = frozenset({"labels", "structure"})
+    handles_gaps = True
+
+    reconstructor: Method
+    clusterer: BaseEstimator
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Bytes of the reconstructor, as far as known, and the clusterer."""
+        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
+        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
+
+
 @dataclass(eq=False, repr=False)
-class ReconstructThenCluster(Method):
+class ReconstructThenCluster(_Pipeline):
     """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
 
     Parameters
@@ -75,9 +90,6 @@ class ReconstructThenCluster(Method):
     Kumar, Dai, Li, 3DV 2016, section 4, baseline method 1.
     """
 
-    provides = frozenset({"labels", "structure"})
-    handles_gaps = True
-
     reconstructor: Method
     clusterer: BaseEstimator
 
@@ -89,13 +101,9 @@ class ReconstructThenCluster(Method):
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=observations.cameras, affinity=affinity)
 
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`nrsfm.methods.base.Method.memory`."""
-        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
-
 
 @dataclass(eq=False, repr=False)
-class ClusterThenReconstruct(Method):
+class ClusterThenReconstruct(_Pipeline):
     """SSC(2D)+BMM: cluster the tracks, then reconstruct each cluster.
 
     A cluster's reconstruction is centred, so its centroid is lifted separately: the 3D centroid trajectory is the
@@ -113,9 +121,6 @@ class ClusterThenReconstruct(Method):
     ----------
     Kumar, Dai, Li, 3DV 2016, section 4, baseline method 2.
     """
-
-    provides = frozenset({"labels", "structure"})
-    handles_gaps = True
 
     clusterer: BaseEstimator
     reconstructor: Method
@@ -141,10 +146,6 @@ class ClusterThenReconstruct(Method):
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
 
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`nrsfm.methods.base.Method.memory`."""
-        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
-
 
 def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Code]:
     """Labels and affinity of (F, k, P) trajectories; each track is one sample of kF features.
@@ -166,23 +167,11 @@ def clusterer_bytes(clusterer: BaseEstimator, n_points: int, n_features: int) ->
     return float(forecast(n_points, n_features)) if forecast else 8.0 * 11 * n_points**2
 
 
-def _pipeline_bytes(reconstructor: Method, clusterer: BaseEstimator, n_frames: int, n_points: int) -> float:
-    structure = reconstructor.memory(n_frames, n_points) or 0.0
-    return structure + clusterer_bytes(clusterer, n_points, 3 * n_frames)
-
-
 def principal(trajectories: Array, dimension: int) -> Array:
     """Coordinates of (F, k, P) trajectories along their first principal directions, not centred.
 
-    Returns
-    -------
-    (dimension, P) array
-        Fewer rows where the trajectories have fewer dimensions.
-
-    Raises
-    ------
-    MethodError
-        If the dimension is not positive.
+    They are (dimension, P), or fewer rows where the trajectories have fewer dimensions. Raises MethodError if the
+    dimension is not positive.
 
     References
     ----------
@@ -197,16 +186,9 @@ def principal(trajectories: Array, dimension: int) -> Array:
 
 
 def lift(centroid: Array, cameras: Array, order: int) -> Array:
-    """3D trajectory on the first ``order`` DCT vectors whose projection is nearest to an (F, 2) track.
+    """(F, 3) trajectory on the first ``order`` DCT vectors whose projection is nearest to an (F, 2) track.
 
-    Returns
-    -------
-    (F, 3) array
-
-    Raises
-    ------
-    MethodError
-        If the order is not in 1..F.
+    Raises MethodError if the order is not in 1..F.
 
     References
     ----------

@@ -148,7 +148,6 @@ class AdaptiveMultiBody(Method):
         l2 in parts of sigma (sqrt(F) + sqrt(3P)), the largest singular value of F x 3P noise.
     expression : float
         Weight of the self-expression against the image residual, in parts of sigma^2.
-    max_iter : int
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
     diagonal : {"threshold", "exact", "paper"}

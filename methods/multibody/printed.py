@@ -45,7 +45,6 @@ class MultiBody(Method):
     penalty, growth, max_penalty : float
         The penalty b of the augmented Lagrangian: its start (a hundredth of l2 works), its factor per iteration and
         its cap.
-    max_iter : int
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
     diagonal : {"threshold", "exact", "paper"}
