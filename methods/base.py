@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,8 +17,6 @@ Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 #: Called during long work with (iteration, iterations, residuals by name); see :func:`stage`, too.
 Progress = Callable[[int, int, Mapping[str, float]], None]
-#: Ways to keep diag(C) = 0, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
-DIAGONALS = ("threshold", "exact", "paper")
 
 
 class MethodError(ValueError):
@@ -190,37 +188,35 @@ def standardise(tracks: Array, visible: Mask | None = None) -> Standardised:
 
 def check_positive(owner: object, *names: str) -> None:
     """Raise MethodError unless each of these hyper-parameters is a finite number above 0."""
-    for name in names:
-        value = getattr(owner, name)
-        _check(owner, name, _is_number(value) and value > 0, "a number > 0")
+    _check(owner, names, lambda value: _is_number(value) and value > 0, "a number > 0")
 
 
 def check_at_least(owner: object, least: float, *names: str) -> None:
     """Raise MethodError unless each of these hyper-parameters is a finite number of at least ``least``."""
-    for name in names:
-        value = getattr(owner, name)
-        _check(owner, name, _is_number(value) and value >= least, f"a number >= {least:g}")
+    _check(owner, names, lambda value: _is_number(value) and value >= least, f"a number >= {least:g}")
 
 
 def check_count(owner: object, *names: str) -> None:
     """Raise MethodError unless each of these hyper-parameters is a whole number of at least 1."""
-    for name in names:
-        value = getattr(owner, name)
-        _check(owner, name, _is_number(value) and isinstance(value, int) and value >= 1, "a whole number >= 1")
+    _check(
+        owner, names, lambda value: _is_number(value) and isinstance(value, int) and value >= 1, "a whole number >= 1"
+    )
 
 
 def check_word(owner: object, name: str, words: Sequence[str]) -> None:
     """Raise MethodError unless a hyper-parameter is one of some words."""
-    _check(owner, name, getattr(owner, name) in words, f"one of {', '.join(words)}")
+    _check(owner, [name], lambda value: value in words, f"one of {', '.join(words)}")
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
 
 
-def _check(owner: object, name: str, fits: bool, wanted: str) -> None:
-    if not fits:
-        raise MethodError(f"{type(owner).__name__}: {name} is {getattr(owner, name)!r}, wanted {wanted}")
+def _check(owner: object, names: Iterable[str], fits: Callable[[Any], bool], wanted: str) -> None:
+    for name in names:
+        value = getattr(owner, name)
+        if not fits(value):
+            raise MethodError(f"{type(owner).__name__}: {name} is {value!r}, wanted {wanted}")
 
 
 def check_tracks(tracks: Array, visible: Mask | None = None) -> None:

@@ -59,25 +59,9 @@ def complete(tracks: Array, visible: Mask | None, *, max_iter: int = 1000, tol: 
     over the centred (2F, P) matrix X and the translations t, by ADMM: the step on X is a projection, see
     :func:`misfit`, the one on its split a singular value threshold. Tracks of moving bodies have low rank.
 
-    Parameters
-    ----------
-    tracks : (F, 2, P) array
-        NaN where they are not visible.
-    visible : (F, P) bool array or None
-        None returns the tracks as they are.
-    max_iter : int
-    tol : float
-        Relative size of the primal and dual residuals to stop at.
-
-    Returns
-    -------
-    (F, 2, P) array
-        In the units and about the origin of the tracks; visible positions are kept.
-
-    Raises
-    ------
-    MethodError
-        As :func:`nrsfm.methods.base.check_tracks`.
+    The (F, 2, P) result has the units and the origin of the tracks, and keeps their visible positions. Without an
+    (F, P) mask of what is visible it is the tracks as they are. The iteration stops when the relative primal and dual
+    residuals are below ``tol``. Raises MethodError as :func:`nrsfm.methods.base.check_tracks`.
 
     References
     ----------

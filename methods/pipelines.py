@@ -12,17 +12,8 @@ import numpy as np
 import scipy.linalg
 from sklearn.base import BaseEstimator, clone
 
-from nrsfm.methods.base import (
-    Array,
-    Labels,
-    Method,
-    MethodError,
-    Observations,
-    Reconstruction,
-    check_bodies,
-    check_gap_handling,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Labels, Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.clustering.clusterer import Code
 from nrsfm.methods.gaps import complete, enough
 from nrsfm.methods.structure.pta import trajectory_basis
@@ -54,9 +45,9 @@ class ClusterTracks(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in first."""
-        check_bodies(n_bodies, observations.tracks.shape[2])
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
         tracks = _complete(observations)
-        W = standardise(tracks).W if self.standardise else tracks
+        W = base.standardise(tracks).W if self.standardise else tracks
         if self.projection is not None:
             if n_bodies is None:
                 raise MethodError("a projection to so many dimensions a body needs the number of bodies; set n_bodies")
@@ -70,8 +61,23 @@ class ClusterTracks(Method):
         return clusterer_bytes(self.clusterer, n_points, 2 * n_frames)
 
 
+class _Pipeline(Method):
+    """A method that is made of a reconstructor and a clusterer."""
+
+    provides = frozenset({"labels", "structure"})
+    handles_gaps = True
+
+    reconstructor: Method
+    clusterer: BaseEstimator
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Bytes of the reconstructor, as far as known, and the clusterer."""
+        structure = self.reconstructor.memory(n_frames, n_points) or 0.0
+        return structure + clusterer_bytes(self.clusterer, n_points, 3 * n_frames)
+
+
 @dataclass(eq=False, repr=False)
-class ReconstructThenCluster(Method):
+class ReconstructThenCluster(_Pipeline):
     """BMM+SSC(3D): reconstruct all tracks as one body, then cluster the 3D trajectories.
 
     Parameters
@@ -84,27 +90,20 @@ class ReconstructThenCluster(Method):
     Kumar, Dai, Li, 3DV 2016, section 4, baseline method 1.
     """
 
-    provides = frozenset({"labels", "structure"})
-    handles_gaps = True
-
     reconstructor: Method
     clusterer: BaseEstimator
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        check_bodies(n_bodies, observations.tracks.shape[2])
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
         structure = _structure(self.reconstructor, observations)
         observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, structure, n_bodies)
         return Reconstruction(labels=labels, structure=structure, cameras=observations.cameras, affinity=affinity)
 
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`nrsfm.methods.base.Method.memory`."""
-        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
-
 
 @dataclass(eq=False, repr=False)
-class ClusterThenReconstruct(Method):
+class ClusterThenReconstruct(_Pipeline):
     """SSC(2D)+BMM: cluster the tracks, then reconstruct each cluster.
 
     A cluster's reconstruction is centred, so its centroid is lifted separately: the 3D centroid trajectory is the
@@ -123,9 +122,6 @@ class ClusterThenReconstruct(Method):
     Kumar, Dai, Li, 3DV 2016, section 4, baseline method 2.
     """
 
-    provides = frozenset({"labels", "structure"})
-    handles_gaps = True
-
     clusterer: BaseEstimator
     reconstructor: Method
     trajectory_order: int = 3
@@ -133,8 +129,8 @@ class ClusterThenReconstruct(Method):
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; gaps are filled in for clusters and centroids alone."""
         cameras, visible = observations.required_cameras(), observations.visible
-        check_bodies(n_bodies, observations.tracks.shape[2])
-        data = standardise(_complete(observations))
+        base.check_bodies(n_bodies, observations.tracks.shape[2])
+        data = base.standardise(_complete(observations))
         observations.stage("clustering")
         labels, affinity = cluster(self.clusterer, data.W, n_bodies)
         structure = np.empty((len(data.W), 3, len(labels)))
@@ -149,10 +145,6 @@ class ClusterThenReconstruct(Method):
                 structure[:, :, members] += _structure(self.reconstructor, part)
         structure -= structure.mean(axis=2, keepdims=True)
         return Reconstruction(labels=labels, structure=structure * data.scale, cameras=cameras, affinity=affinity)
-
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """See :meth:`nrsfm.methods.base.Method.memory`."""
-        return _pipeline_bytes(self.reconstructor, self.clusterer, n_frames, n_points)
 
 
 def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None) -> tuple[Labels, Code]:
@@ -175,23 +167,11 @@ def clusterer_bytes(clusterer: BaseEstimator, n_points: int, n_features: int) ->
     return float(forecast(n_points, n_features)) if forecast else 8.0 * 11 * n_points**2
 
 
-def _pipeline_bytes(reconstructor: Method, clusterer: BaseEstimator, n_frames: int, n_points: int) -> float:
-    structure = reconstructor.memory(n_frames, n_points) or 0.0
-    return structure + clusterer_bytes(clusterer, n_points, 3 * n_frames)
-
-
 def principal(trajectories: Array, dimension: int) -> Array:
     """Coordinates of (F, k, P) trajectories along their first principal directions, not centred.
 
-    Returns
-    -------
-    (dimension, P) array
-        Fewer rows where the trajectories have fewer dimensions.
-
-    Raises
-    ------
-    MethodError
-        If the dimension is not positive.
+    They are (dimension, P), or fewer rows where the trajectories have fewer dimensions. Raises MethodError if the
+    dimension is not positive.
 
     References
     ----------
@@ -206,16 +186,9 @@ def principal(trajectories: Array, dimension: int) -> Array:
 
 
 def lift(centroid: Array, cameras: Array, order: int) -> Array:
-    """3D trajectory on the first ``order`` DCT vectors whose projection is nearest to an (F, 2) track.
+    """(F, 3) trajectory on the first ``order`` DCT vectors whose projection is nearest to an (F, 2) track.
 
-    Returns
-    -------
-    (F, 3) array
-
-    Raises
-    ------
-    MethodError
-        If the order is not in 1..F.
+    Raises MethodError if the order is not in 1..F.
 
     References
     ----------
@@ -240,7 +213,7 @@ def _complete(observations: Observations) -> Array:
 
 def _structure(reconstructor: Method, observations: Observations) -> Array:
     """The structure of the tracks as one body."""
-    check_gap_handling(reconstructor, observations.visible)
+    base.check_gap_handling(reconstructor, observations.visible)
     structure = reconstructor.reconstruct(observations, 1).structure
     if structure is None:
         raise MethodError(f"{type(reconstructor).__name__} gives no structure, so it cannot be a reconstructor")

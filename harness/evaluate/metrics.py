@@ -19,7 +19,7 @@ from nrsfm.harness.evaluate.matching import matched
 from nrsfm.harness.evaluate.metric import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
 from nrsfm.methods.base import Array, Labels, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
-from nrsfm.methods.numerics.cameras import axes
+from nrsfm.methods.numerics.linear import axes
 
 
 def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool, counted: bool = False) -> dict[str, float]:

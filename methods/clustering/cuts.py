@@ -33,20 +33,9 @@ def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Secon
     The split of a cluster is the best of all its prefixes in the order of the second eigenvector (Shi and Malik, PAMI
     2000, section 3). Each is an eigenvector and a sort: O(entries) a step of the eigensolver.
 
-    Parameters
-    ----------
-    A : (P, P) sparse array
-        Symmetric, non-negative, its diagonal zero.
-    n_clusters : int
-    vector : (P,) array
-        The second leading eigenvector of D^-1/2 A D^-1/2.
-    second : callable
-        Computes the second leading eigenvector of a part of the graph.
-
-    Returns
-    -------
-    (P,) int array
-        Labels from 0; one may be empty where nothing is left to split.
+    A (P, P) is symmetric and non-negative, its diagonal zero. ``vector`` is the second leading eigenvector of
+    D^-1/2 A D^-1/2, and ``second`` computes that of a part of the graph. The (P,) labels start from 0; one may be empty
+    where nothing is left to split.
     """
     labels = np.zeros(A.shape[0], dtype=np.int64)
     sides = {0: _cheapest_prefix(A, vector)}
@@ -55,16 +44,13 @@ def recursive_cut(A: sp.csr_array, n_clusters: int, vector: Array, second: Secon
             inside = np.flatnonzero(labels == k)
             part = sp.csr_array(A[inside][:, inside])
             sides[k] = inside[_cheapest_prefix(part, second(part))] if part.nnz else inside[:0]
-        candidates = {k: _relabelled(labels, side, new) for k, side in sides.items()}
+        candidates = {}
+        for k, side in sides.items():
+            candidates[k] = labels.copy()
+            candidates[k][side] = new
         best = min(candidates, key=lambda k: normalised_cut(A, candidates[k], new + 1))
         labels = candidates[best]
         del sides[best]
-    return labels
-
-
-def _relabelled(labels: Labels, places: NDArray[np.int64], label: int) -> Labels:
-    labels = labels.copy()
-    labels[places] = label
     return labels
 
 

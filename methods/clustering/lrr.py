@@ -27,7 +27,6 @@ class LRR(SubspaceClusterer):
         take 4 for the raw tracks of Hopkins155.
     power : float
         Element-wise power of the affinity: 2 in the paper, 4 in the authors' code for motion.
-    max_iter : int
     tol : float
         Stop when the primal and dual residuals, relative to the points, are below it; singular values below this share
         of the largest count as zero.
@@ -80,19 +79,8 @@ def low_rank_code(X: Array, weight: float | None, max_iter: int, tol: float) -> 
         min |K|_* + weight |F|_2,1  s.t.  K = J,  F = diag(s) (V' - J)
 
     by ADMM on two blocks, J and (K, F): J by one division for each row, K by a singular value threshold, F by a
-    shrinkage of the columns.
-
-    Parameters
-    ----------
-    X : (D, N) array
-        One point a column.
-    weight : float or None
-        None demands E = 0.
-
-    Returns
-    -------
-    (N, N) array, int
-        The code and the number of iterations, 1 for the closed form.
+    shrinkage of the columns. X is (D, N), one point a column; without a weight E = 0. Returns the (N, N) code and the
+    number of iterations, 1 for the closed form.
     """
     _, s, Vt = scipy.linalg.svd(X, full_matrices=False, check_finite=False)
     kept = s > tol * max(s[0], TINY)

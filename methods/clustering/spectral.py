@@ -18,12 +18,7 @@ MOST = 10
 
 
 def spectral_clustering(
-    affinity: Array | sp.sparray,
-    n_clusters: int | None,
-    *,
-    restarts: int = 20,
-    seed: int = 0,
-    cheapest: bool = False,
+    affinity: Array | sp.sparray, n_clusters: int | None, *, seed: int = 0, cheapest: bool = False
 ) -> Labels:
     """Cut a graph into clusters by the leading eigenvectors of its normalised affinity.
 
@@ -36,10 +31,8 @@ def spectral_clustering(
         Symmetric, non-negative; the diagonal is ignored.
     n_clusters : int or None
         None takes what :func:`count_clusters` estimates.
-    restarts : int
-        Starts of k-means; the tightest is kept.
     seed : int
-        Of k-means. The result is deterministic.
+        Of k-means, of whose 20 starts the tightest is kept. The result is deterministic.
     cheapest : bool
         Take the labels of k-means or of :func:`nrsfm.methods.clustering.cuts.recursive_cut`, by the normalised cut.
 
@@ -68,7 +61,7 @@ def spectral_clustering(
         return np.zeros(affinity.shape[0], dtype=np.int64)
     _, vectors = leading(affinity, n_clusters)
     rows = unit_rows(vectors)
-    labels: Labels = KMeans(n_clusters, n_init=restarts, random_state=seed).fit_predict(rows).astype(np.int64)
+    labels: Labels = KMeans(n_clusters, n_init=20, random_state=seed).fit_predict(rows).astype(np.int64)
     if not cheapest:
         return labels
     A = _without_loops(affinity)
@@ -76,30 +69,19 @@ def spectral_clustering(
     return min((labels, split), key=lambda candidate: normalised_cut(A, candidate, n_clusters))
 
 
-def count_clusters(affinity: Array | sp.sparray, most: int = MOST) -> tuple[int, float]:
+def count_clusters(affinity: Array | sp.sparray) -> tuple[int, float]:
     """The number of clusters by the eigengap of the normalised Laplacian.
 
     With 0 = v_1 <= v_2 <= ... the eigenvalues of I - D^-1/2 A D^-1/2, n clusters that nothing joins make v_n = 0 and
-    v_(n+1) > 0; the estimate is the n of the widest gap v_(n+1) - v_n.
-
-    Parameters
-    ----------
-    affinity : (P, P) array or sparse array
-        Symmetric, non-negative; the diagonal is ignored.
-    most : int
-        Of 1..most, and less than P, the estimate is taken.
-
-    Returns
-    -------
-    int, float
-        The number and its gap, between 0 and 2.
+    v_(n+1) > 0; the estimate is the n of the widest gap v_(n+1) - v_n, of 1..MOST and less than P. Returned with its
+    gap, which is between 0 and 2. The affinity is (P, P), symmetric and non-negative; its diagonal is ignored.
 
     References
     ----------
     von Luxburg, "A tutorial on spectral clustering", Statistics and Computing 2007, section 8.3; Kumar, Dai, Li, 3DV
     2016, section 4, note on the number of clusters.
     """
-    gaps = eigengaps(affinity, most)
+    gaps = eigengaps(affinity)
     n = int(np.argmax(gaps)) + 1
     return n, float(gaps[n - 1])
 

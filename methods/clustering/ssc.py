@@ -29,7 +29,6 @@ class SSC(SubspaceClusterer):
     share : float in (0, 1]
         Part of each column's l1 mass that is kept before clustering, largest coefficients first: 0.7 for motion
         in the authors' experiments, 1 keeps all.
-    max_iter : int
     tol : float
         Stop when max|Z - C| and max|1'Z - 1'| are below it.
     seed : int
@@ -75,17 +74,8 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
 
     With a = alpha / m (m as in :class:`SSC`) the penalty cancels from the Z-step. Stacked as V = [X / sqrt(m); 1'] it
     is Z = N + V'(I + V V')^-1 (B - V N), N = C - U, where B is V with the multiplier of 1'Z = 1' taken off its last
-    row: two products with a matrix of D + 1 rows in place of one with an (N, N) inverse.
-
-    Parameters
-    ----------
-    X : (D, N) array
-        One point a column.
-
-    Returns
-    -------
-    (N, N) array, int
-        The code and the number of iterations.
+    row: two products with a matrix of D + 1 rows in place of one with an (N, N) inverse. X is (D, N), one point a
+    column. Returns the (N, N) code and the number of iterations.
     """
     n = X.shape[1]
     G = X.T @ X

@@ -77,17 +77,8 @@ def matching_pursuit(X: Array, n_nonzero: int, residual: float) -> sp.csc_array:
     Columns are scaled to unit length. For x, whose residual r starts as x: the column of the largest |x_i' r| joins the
     support, and r becomes what the support's span leaves of x, until |r| <= ``residual`` or the support is full. The
     span is kept as an orthonormal basis, grown by one vector a step (Gram and Schmidt, twice); a column that lies in it
-    already ends the pursuit.
-
-    Parameters
-    ----------
-    X : (D, N) array
-        One point a column; a point at the origin has no code and expresses none.
-
-    Returns
-    -------
-    (N, N) sparse array
-        With zero diagonal.
+    already ends the pursuit. X is (D, N), one point a column; a point at the origin has no code and expresses none. The
+    (N, N) code has a zero diagonal.
     """
     X = X / np.maximum(np.linalg.norm(X, axis=0), TINY)
     N = X.shape[1]

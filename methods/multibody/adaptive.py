@@ -18,31 +18,18 @@ clean to noisy tracks the spectrum is whitened less and the code made sparser.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from nrsfm.methods.base import (
-    DIAGONALS,
-    Array,
-    Method,
-    MethodError,
-    Observations,
-    Progress,
-    Reconstruction,
-    check_bodies,
-    check_count,
-    check_positive,
-    check_word,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
-from nrsfm.methods.multibody.code import solve_code
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
-from nrsfm.methods.multibody.problem import Gaps, State, minimise
-from nrsfm.methods.numerics.cameras import axes
-from nrsfm.methods.numerics.linear import symmetric_eigen, without_diagonal
+from nrsfm.methods.multibody.problem import DIAGONALS, Gaps, Problem, State, minimise, solve_code
+from nrsfm.methods.numerics.admm import Admm
+from nrsfm.methods.numerics.linear import axes, symmetric_eigen, without_diagonal
 from nrsfm.methods.numerics.proximal import soft
 from nrsfm.methods.structure.bmm import ShapeFit, complete_by_shape, fit_shape
 
@@ -51,45 +38,17 @@ FAINTEST = 3e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptiveProblem:
-    """The augmented Lagrangian of the module's objective and its exact block updates.
+class AdaptiveProblem(Problem):
+    """The augmented Lagrangian of the module's objective and its exact block updates; l1 is in units of m.
 
     Two penalties, neither of which grows: b on S# = g(S), and e m on C = E.
-
-    Parameters
-    ----------
-    W : (F, 2, P) array
-        Centred tracks.
-    cameras : (F, 2, 3) array
-    l1, l2 : float
-        Weights of |E|_1, in units of m, and of |S#|_*.
-    diagonal : {"threshold", "exact", "paper"}
-    expression : float
-        e, the weight of the self-expression against the image residual.
-    Q : (2F, r) array
-        Directions of image motion.
-    w : (r,) array
-        Their weights.
-    d : (P,) array
-        Norms of the tracks' weighted motion.
-    m : float
-        The unit of l1.
     """
 
-    W: Array
-    cameras: Array
-    l1: float
-    l2: float
-    diagonal: str
-    expression: float
-    Q: Array
-    w: Array
-    d: Array
-    m: float
-
-    def with_tracks(self, W: Array) -> Self:
-        """The same problem with other tracks; the weights stay."""
-        return replace(self, W=W)
+    expression: float  # e, the weight of the self-expression against the image residual
+    Q: Array  # (2F, r), directions of image motion
+    w: Array  # (r,), their weights
+    d: Array  # (P,), norms of the tracks' weighted motion
+    m: float  # the unit of l1
 
     def begin(self, fit: ShapeFit) -> State:
         """The state of the shape step's solution without a code."""
@@ -140,10 +99,6 @@ class AdaptiveProblem:
         """S# - g(S) and C - E."""
         return {"shape": state.shape - state.S, "code": state.C - state.E}
 
-    def multiplier_step(self, state: State, gaps: Gaps) -> State:
-        """Y1 += b (S# - g(S)), Y3 += e m (C - E)."""
-        return replace(state, Y1=state.Y1 + state.b * gaps["shape"], Y3=state.Y3 + self.code_penalty * gaps["code"])
-
     def objective(self, state: State) -> float:
         """The module's objective."""
         fit = self.W - self.cameras @ state.S
@@ -151,9 +106,9 @@ class AdaptiveProblem:
         code = 0.5 * np.sum((X - X @ state.C) ** 2) + self.l1 * self.m * np.abs(state.E).sum()
         return float(0.5 * np.sum(fit**2) + self.l2 * state.nuclear_norm + self.expression * code)
 
-    def penalties(self, state: State) -> tuple[tuple[Array, str, float], ...]:
-        """Multiplier, name of the gap and penalty of each constraint."""
-        return (state.Y1, "shape", state.b), (state.Y3, "code", self.code_penalty)
+    def penalty(self, state: State, name: str) -> float:
+        """b of S# = g(S), e m of C = E."""
+        return self.code_penalty if name == "code" else state.b
 
     def operations(self, state: State) -> float:
         """Multiplications and additions of an iteration, without lower orders.
@@ -193,7 +148,6 @@ class AdaptiveMultiBody(Method):
         l2 in parts of sigma (sqrt(F) + sqrt(3P)), the largest singular value of F x 3P noise.
     expression : float
         Weight of the self-expression against the image residual, in parts of sigma^2.
-    max_iter : int
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
     diagonal : {"threshold", "exact", "paper"}
@@ -220,15 +174,14 @@ class AdaptiveMultiBody(Method):
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
         cameras, progress = observations.required_cameras(), observations.progress
-        check_bodies(n_bodies, observations.tracks.shape[2], least=1)
+        base.check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-        data = standardise(complete_by_shape(observations))
+        data = base.standardise(complete_by_shape(observations))
         observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
         observations.stage("structure and code")
-        state, history = minimise(
-            problem, state, self.max_iter, self.tol, visible=observations.visible, progress=progress
-        )
+        admm = Admm(self.max_iter, self.tol, state.b, progress=progress)
+        state, history = minimise(problem, state, admm, observations.visible)
         affinity = np.abs(state.E) + np.abs(state.E.T)
         observations.stage("clustering")
         return Reconstruction(
@@ -269,9 +222,9 @@ class AdaptiveMultiBody(Method):
         return 8.0 * (12 * n_points**2 + 20 * 3 * n_frames * n_points + 5 * (3 * n_frames) ** 2)
 
     def _check_settings(self) -> None:
-        check_word(self, "diagonal", DIAGONALS)
-        check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
-        check_count(self, "max_iter")
+        base.check_word(self, "diagonal", DIAGONALS)
+        base.check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
+        base.check_count(self, "max_iter")
         for name in ("l1", "whitening"):
             values: Any = getattr(self, name)
             numbers = isinstance(values, Sequence) and [isinstance(v, int | float) and v >= 0 for v in values]

@@ -10,7 +10,7 @@ of the last step over that of this one,
 
 in which V'M is dense but never stored: Z is computed and thresholded in blocks of rows. Without the spatial term
 G = D = I, J drops out, and Z = V'M + E. The S-step takes conjugate gradients with C as an operator. The iterates are
-those of :class:`nrsfm.methods.multibody.lagrangian.DenseProblem` and
+those of :class:`nrsfm.methods.multibody.lagrangian.PrintedProblem` and
 :class:`nrsfm.methods.multibody.spatial.SpatialProblem`, to rounding.
 
 Operations an iteration, for Z of rank k <= r with q entries of E: 2 k P^2 + O(P^2) for Z, O(r^2 P) for M, and for each
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -31,12 +31,11 @@ import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
 from nrsfm.methods.base import Array
-from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
 from nrsfm.methods.multibody.lowrank import Code, Multiplier, add_rows, rows_of, soft_sparse
-from nrsfm.methods.multibody.problem import Gaps
+from nrsfm.methods.multibody.problem import Gaps, State
 from nrsfm.methods.multibody.spatial import Neighbours
-from nrsfm.methods.numerics.cameras import axes
-from nrsfm.methods.numerics.linear import conjugate_gradients
+from nrsfm.methods.numerics.linear import axes, conjugate_gradients
 
 ENTRIES = 400  # of E per track, assumed by implicit_bytes
 BLOCK_BYTES = 4 << 20  # of a block of Z, so that it stays in the cache
@@ -47,21 +46,15 @@ GAP_ROWS = 1000  # the most rows of C, evenly spaced, that the code's residual i
 class ImplicitProblem(PrintedProblem):
     """The printed Lagrangian with C a :class:`~nrsfm.methods.multibody.lowrank.Code`, E sparse, Y3 a Multiplier.
 
-    Parameters
-    ----------
-    neighbours : Neighbours, optional
-        Of the spatial term; None is D = I.
-    dtype : numpy float type
-        Of Z and of the conjugate gradients. Everything of r rows and the multipliers is in float64.
-    cg_tol : float
-        Relative residual of the conjugate gradients; 1e-13 in float64 makes the S-step exact to rounding.
+    ``dtype`` is that of Z and of the conjugate gradients; everything of r rows and the multipliers is in float64.
     """
 
-    neighbours: Neighbours | None = field(default=None, kw_only=True)
-    dtype: Any = field(default=np.float64, kw_only=True)
-    cg_tol: float = field(default=1e-13, kw_only=True)
+    _: KW_ONLY
+    neighbours: Neighbours | None = None  # of the spatial term; None is D = I
+    dtype: Any = np.float64
+    cg_tol: float = 1e-13  # relative residual of the conjugate gradients; this one is exact to rounding in float64
 
-    def start(self, b: float) -> PrintedState:
+    def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""
         S = self.cameras.transpose(0, 2, 1) @ self.W
         P = S.shape[2]
@@ -70,9 +63,9 @@ class ImplicitProblem(PrintedProblem):
         E = empty if self.neighbours is None else sp.csr_array(self.neighbours.D.shape, dtype=self.dtype)
         U = Multiplier(none, none, empty, None if self.neighbours is None else E, b)
         C = Code(empty, none, none, self.neighbours, none, none, empty)
-        return PrintedState(S=S, shape=S, C=C, E=E, Y1=zero, Y2=zero, Y3=U, Y4=np.zeros(P), b=b)
+        return State(S=S, shape=S, C=C, E=E, Y1=zero, Y2=zero, Y3=U, Y4=np.zeros(P), b=b)
 
-    def code_step(self, state: PrintedState) -> Code:
+    def code_step(self, state: State) -> Code:
         """C of eq. (20): V V'M + M G = H G - V (E - U) D' in the eigenvectors of V V'.
 
         Directions of V that are fainter than the tolerance of the S-step are left out.
@@ -93,7 +86,7 @@ class ImplicitProblem(PrintedProblem):
         L, R = np.concatenate([V, U.V]), np.concatenate([M, (-s * U.M).astype(self.dtype)])
         return Code(A.astype(self.dtype), L, R, self.neighbours, V, M, fixed)
 
-    def sparse_step(self, state: PrintedState) -> sp.csr_array:
+    def sparse_step(self, state: State) -> sp.csr_array:
         """E of eq. (18): the soft threshold of Z at l1/b, in blocks of rows of Z."""
         C, U, threshold = state.C, state.Y3, self.dtype(self.l1 / state.b)
         seen = unseen = C.fixed
@@ -111,7 +104,7 @@ class ImplicitProblem(PrintedProblem):
 
         return sp.vstack(list(self._map(block, state.E.shape[1])), format="csr")
 
-    def structure_step(self, state: PrintedState) -> Array:
+    def structure_step(self, state: State) -> Array:
         """S of eq. (14) by conjugate gradients from the S before, in each frame's own axes.
 
         Image rows solve X (B + (1 + 1/b) I) = rhs and depth rows X (B + I) = rhs with B = (I - C)(I - C)'. Only the
@@ -154,7 +147,7 @@ class ImplicitProblem(PrintedProblem):
 
         return conjugate_gradients(product, B, lambda rho: bool(rho.sum() <= allowed**2), axis=0, max_steps=200)
 
-    def gaps(self, state: PrintedState) -> Gaps:
+    def gaps(self, state: State) -> Gaps:
         """S# - g(S), S - S C, the largest entry of C D - E, and 1'C - 1'."""
         ones = np.ones((state.S.shape[2], 1), dtype=self.dtype)
         return {
@@ -164,9 +157,9 @@ class ImplicitProblem(PrintedProblem):
             "affine": state.C.apply_transposed(ones)[:, 0].astype(float) - 1,
         }
 
-    def code_gap(self, state: PrintedState) -> Array:
+    def code_gap(self, state: State) -> Array:
         """max |C D - E|, shape (), over at most ``GAP_ROWS`` rows; all rows would double the cost of the iteration."""
-        step = -(-state.C.shape[0] // GAP_ROWS)
+        step = -(-self.W.shape[2] // GAP_ROWS)
 
         def block(at: slice) -> float:
             at = slice(-(-at.start // step) * step, at.stop, step)
@@ -180,22 +173,16 @@ class ImplicitProblem(PrintedProblem):
 
         return np.array(max(self._map(block, state.E.shape[1])))
 
-    def multiplier_step(self, state: PrintedState, gaps: Gaps) -> PrintedState:
+    def multiplier_step(self, state: State, gaps: Gaps) -> State:
         """Y += b times the violated constraint (algorithm 1)."""
-        b, C, E = state.b, state.C, state.E
-        J = None
+        b, C, E, J = state.b, state.C, state.E, None
         if self.neighbours is not None:
             J = ((state.Y3.b / b) * state.Y3.J + E).tocsr()
             E = (E @ self.neighbours.D.T).tocsr()
-        return replace(
-            state,
-            Y1=state.Y1 + b * gaps["shape"],
-            Y2=state.Y2 + b * gaps["expression"],
-            Y3=Multiplier(C.V, C.M, (C.fixed - E).tocsr(), J, b),
-            Y4=state.Y4 + b * gaps["affine"],
-        )
+        dense = {name: gap for name, gap in gaps.items() if name != "code"}
+        return replace(super().multiplier_step(state, dense), Y3=Multiplier(C.V, C.M, (C.fixed - E).tocsr(), J, b))
 
-    def operations(self, state: PrintedState) -> float:
+    def operations(self, state: State) -> float:
         """Multiplications and additions of the iteration that led to a state, without lower orders."""
         P, rank = state.S.shape[2], len(state.C.V)
         rows, F = 3 * len(state.S) + 1, len(state.S)
@@ -216,9 +203,7 @@ class ImplicitProblem(PrintedProblem):
                 yield from pool.map(work, blocks)
 
 
-@cache
-def _controller() -> ThreadpoolController:
-    return ThreadpoolController()
+_controller = cache(ThreadpoolController)
 
 
 def blas_threads() -> int:

@@ -5,79 +5,50 @@ Kumar, Dai, Li, "Multi-body non-rigid structure-from-motion", 3DV 2016. Equation
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
 from nrsfm.methods.base import Array
-from nrsfm.methods.multibody.code import solve_code
-from nrsfm.methods.multibody.problem import Gaps, Square, State
-from nrsfm.methods.numerics.cameras import axes
-from nrsfm.methods.numerics.linear import cholesky_solve, gram, shifted_cholesky, without_diagonal
+from nrsfm.methods.multibody.problem import Gaps, Problem, Square, State, solve_code
+from nrsfm.methods.numerics.linear import axes, cholesky_solve, gram, shifted_cholesky, without_diagonal
 from nrsfm.methods.numerics.proximal import soft
-
-RESIDUALS = ("shape", "expression", "code", "affine")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PrintedState(State):
-    """Variables of the printed ADMM: Y2 (F, 3, P) belongs to S = S C, Y4 (P,) to 1'C = 1'; all have the penalty b."""
-
-    Y2: Array
-    Y4: Array
 
 
 @dataclass(frozen=True)
-class PrintedProblem:
-    """The augmented Lagrangian of eq. (11), without the two steps that depend on D and on how C is stored.
+class PrintedProblem(Problem):
+    """The augmented Lagrangian of eq. (11) for sparse tracks, D = I, with C as an array; all constraints share b."""
 
-    Parameters
-    ----------
-    W : (F, 2, P) array
-        Centred tracks.
-    cameras : (F, 2, 3) array
-    l1, l2 : float
-        Weights of |E|_1 and of |S#|_*.
-    """
-
-    W: Array
-    cameras: Array
-    l1: float
-    l2: float
-
-    @abstractmethod
-    def code_step(self, state: PrintedState) -> Square:
-        """C of eq. (20)."""
-
-    @abstractmethod
-    def sparse_step(self, state: PrintedState) -> Square:
-        """E of eq. (18)."""
-
-    @abstractmethod
-    def code_gap(self, state: PrintedState) -> Array:
-        """C D - E."""
-
-    def with_tracks(self, W: Array) -> Self:
-        """The same problem with other tracks."""
-        return replace(self, W=W)
-
-    def start(self, b: float) -> PrintedState:
+    def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""
         S = self.cameras.transpose(0, 2, 1) @ self.W
         P = S.shape[2]
         square, zero = np.zeros((P, P)), np.zeros_like(S)
-        return PrintedState(S=S, shape=S, C=square, E=square, Y1=zero, Y2=zero, Y3=square, Y4=np.zeros(P), b=b)
+        return State(S=S, shape=S, C=square, E=square, Y1=zero, Y2=zero, Y3=square, Y4=np.zeros(P), b=b)
 
-    def code_rows(self, state: PrintedState) -> tuple[Array, Array]:
+    def code_rows(self, state: State) -> tuple[Array, Array]:
         """V = [S; 1'] and H = [S + Y2/b; 1' - Y4/b], (3F + 1, P)."""
         P = state.S.shape[2]
         V = np.concatenate([state.S.reshape(-1, P), np.ones((1, P))])
         multipliers = np.concatenate([state.Y2.reshape(-1, P), -state.Y4[None]])
         return V, V + multipliers / state.b
 
-    def structure_step(self, state: PrintedState) -> Array:
+    def code_step(self, state: State) -> Square:
+        """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b."""
+        V, H = self.code_rows(state)
+        return solve_code(V, H, state.E - state.Y3 / state.b, self.diagonal)
+
+    def sparse_step(self, state: State) -> Square:
+        """E of eq. (18): soft threshold of C + Y3/b at l1/b, its diagonal zero."""
+        E = soft(state.C + state.Y3 / state.b, self.l1 / state.b)
+        return without_diagonal(E) if self.diagonal == "threshold" else E
+
+    def code_gap(self, state: State) -> Array:
+        """C - E."""
+        gap: Array = state.C - state.E
+        return gap
+
+    def structure_step(self, state: State) -> Array:
         """S of eq. (14), without a Sylvester solver.
 
         In each frame's own axes R'R = diag(1, 1, 0), so rows decouple: with B = (I - C)(I - C)', image rows solve
@@ -96,28 +67,21 @@ class PrintedProblem:
         S: Array = Q.transpose(0, 2, 1) @ rhs
         return S
 
-    def gaps(self, state: PrintedState) -> Gaps:
+    def gaps(self, state: State) -> Gaps:
         """S# - g(S), S - S C, C D - E and 1'C - 1'."""
-        values = (
-            state.shape - state.S,
-            state.S - times(state.S, state.C),
-            self.code_gap(state),
-            state.C.sum(axis=0) - 1,
-        )
-        return dict(zip(RESIDUALS, values, strict=True))
+        return {
+            "shape": state.shape - state.S,
+            "expression": state.S - times(state.S, state.C),
+            "code": self.code_gap(state),
+            "affine": state.C.sum(axis=0) - 1,
+        }
 
-    def multiplier_step(self, state: PrintedState, gaps: Gaps) -> PrintedState:
-        """Y += b times the violated constraint (algorithm 1)."""
-        Y = (state.Y1, state.Y2, state.Y3, state.Y4)
-        Y1, Y2, Y3, Y4 = (y + state.b * gaps[name] for y, name in zip(Y, RESIDUALS, strict=True))
-        return replace(state, Y1=Y1, Y2=Y2, Y3=Y3, Y4=Y4)
-
-    def objective(self, state: PrintedState) -> float:
+    def objective(self, state: State) -> float:
         """1/2 |W - R S|^2 + l1 |E|_1 + l2 |S#|_*."""
         fit = self.W - self.cameras @ state.S
         return 0.5 * float(np.sum(fit**2)) + self.l1 * float(abs(state.E).sum()) + self.l2 * state.nuclear_norm
 
-    def operations(self, state: PrintedState) -> float:
+    def operations(self, state: State) -> float:
         """Multiplications and additions of an iteration, without lower orders.
 
         Two products of r x P and P x P and the factor of the smaller side for C; a symmetric product, two factors and
@@ -129,39 +93,6 @@ class PrintedProblem:
         code = r * P * small + small**3 / 3 + 2.0 * P * P * (2 * small if r < P else r + P)
         structure = P**3 + 2 * P**3 / 3 + 2.0 * 3 * F * P * P * 3
         return float(code + structure + 2.0 * 3 * F * P * P + 12.0 * F * F * P)
-
-    def penalties(self, state: PrintedState) -> tuple[tuple[Array, str, float], ...]:
-        """Multiplier, name of the gap and penalty of each constraint."""
-        Y = (state.Y1, state.Y2, state.Y3, state.Y4)
-        return tuple((y, name, state.b) for y, name in zip(Y, RESIDUALS, strict=True))
-
-
-@dataclass(frozen=True)
-class DenseProblem(PrintedProblem):
-    """The printed Lagrangian for sparse tracks, D = I, with C as an array.
-
-    Parameters
-    ----------
-    diagonal : {"threshold", "exact", "paper"}
-        How diag(C) = 0 is kept, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
-    """
-
-    diagonal: str = "threshold"
-
-    def code_step(self, state: PrintedState) -> Array:
-        """C of eq. (20) with D = I: (S'S + 11' + I) C = S'S + S'Y2/b + 11' - 1 Y4/b + E - Y3/b."""
-        V, H = self.code_rows(state)
-        return solve_code(V, H, state.E - state.Y3 / state.b, self.diagonal)
-
-    def sparse_step(self, state: PrintedState) -> Array:
-        """E of eq. (18): soft threshold of C + Y3/b at l1/b, its diagonal zero."""
-        E = soft(state.C + state.Y3 / state.b, self.l1 / state.b)
-        return without_diagonal(E) if self.diagonal == "threshold" else E
-
-    def code_gap(self, state: PrintedState) -> Array:
-        """C - E."""
-        gap: Array = state.C - state.E
-        return gap
 
 
 def times(X: Array, M: Array) -> Array:

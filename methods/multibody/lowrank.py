@@ -28,11 +28,6 @@ class Code:
     fixed: sp.csr_array
     operations: float = 0.0
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        rows, columns = self.A.shape
-        return rows, columns
-
     def apply(self, X: Array) -> Array:
         """C X for (P, m) columns."""
         self._count(X.shape[1])

@@ -22,11 +22,7 @@ def directions(cameras: Array) -> Array:
 
     A random trajectory whose DCT coefficient k has variance 1/k^2 in each coordinate has a random (2F,) image track.
     The directions are the principal ones of such tracks after the images of points at rest are projected out. They
-    depend on the cameras alone, and are orthogonal to every point at rest. O(F^3).
-
-    Parameters
-    ----------
-    cameras : (F, 2, 3) array
+    depend on the (F, 2, 3) cameras alone, and are orthogonal to every point at rest. O(F^3).
 
     Returns
     -------

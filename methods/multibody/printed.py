@@ -19,25 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.methods.base import (
-    DIAGONALS,
-    Array,
-    Method,
-    MethodError,
-    Observations,
-    Reconstruction,
-    check_at_least,
-    check_bodies,
-    check_count,
-    check_positive,
-    check_word,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, dense_bytes
-from nrsfm.methods.multibody.problem import minimise
+from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
+from nrsfm.methods.multibody.problem import DIAGONALS, minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
+from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.structure.bmm import complete_by_shape
 
 FORMS = ("auto", "dense", "implicit")
@@ -56,7 +45,6 @@ class MultiBody(Method):
     penalty, growth, max_penalty : float
         The penalty b of the augmented Lagrangian: its start (a hundredth of l2 works), its factor per iteration and
         its cap.
-    max_iter : int
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
     diagonal : {"threshold", "exact", "paper"}
@@ -100,22 +88,17 @@ class MultiBody(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`."""
-        cameras, n_points = observations.required_cameras(), observations.tracks.shape[2]
-        check_bodies(n_bodies, n_points, least=1)
+        cameras, progress = observations.required_cameras(), observations.progress
+        n_points = observations.tracks.shape[2]
+        base.check_bodies(n_bodies, n_points, least=1)
         self._check_settings()
-        data = standardise(complete_by_shape(observations))
+        data = base.standardise(complete_by_shape(observations))
         problem = self._problem(data.W, cameras, observations.edges)
         observations.stage("structure and code")
-        state, history = minimise(
-            problem,
-            problem.start(self.penalty),
-            self.max_iter,
-            self.tol,
-            growth=self.growth,
-            max_penalty=self.max_penalty,
-            visible=observations.visible,
-            progress=observations.progress,
+        admm = Admm(
+            self.max_iter, self.tol, self.penalty, growth=self.growth, max_penalty=self.max_penalty, progress=progress
         )
+        state, history = minimise(problem, problem.start(self.penalty), admm, observations.visible)
         code = abs(state.E[:, :n_points])
         affinity = code + code.T
         observations.stage("clustering")
@@ -148,15 +131,15 @@ class MultiBody(Method):
             return ImplicitProblem(W, cameras, self.l1, self.l2, neighbours=neighbours, dtype=dtype, cg_tol=tol)
         if neighbours:
             return SpatialProblem(W, cameras, self.l1, self.l2, neighbours=neighbours)
-        return DenseProblem(W, cameras, self.l1, self.l2, self.diagonal)
+        return PrintedProblem(W, cameras, self.l1, self.l2, diagonal=self.diagonal)
 
     def _check_settings(self) -> None:
         for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
-            check_word(self, name, words)
-        check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
-        check_at_least(self, 0, "spatial", "dense_gb")
-        check_at_least(self, 1, "growth")
-        check_count(self, "max_iter")
+            base.check_word(self, name, words)
+        base.check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
+        base.check_at_least(self, 0, "spatial", "dense_gb")
+        base.check_at_least(self, 1, "growth")
+        base.check_count(self, "max_iter")
         if self.diagonal != "threshold" and (self.spatial or self.form == "implicit"):
             raise MethodError(
                 f"MultiBody: diagonal is {self.diagonal!r}; the spatial term and the implicit form need 'threshold'"

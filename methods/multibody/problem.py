@@ -1,87 +1,112 @@
-"""The ADMM that both formulations of multi-body NRSfM share: variables, the steps a problem must have, and the loop."""
+"""The ADMM that both formulations of multi-body NRSfM share: variables, the steps of a problem, and the loop."""
 
 from __future__ import annotations
 
 import time
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from nrsfm.methods.base import Array, Mask, Progress
+from nrsfm.methods.base import Array, Mask
 from nrsfm.methods.gaps import fill
 from nrsfm.methods.numerics.admm import Admm
+from nrsfm.methods.numerics.linear import cholesky_solve, gram, shifted_cholesky, without_diagonal
 from nrsfm.methods.numerics.proximal import singular_value_threshold
 
 #: (P, P): an array, or its sparse and low-rank form in :mod:`nrsfm.methods.multibody.implicit`.
 Square = Any
 Gaps = Mapping[str, Array]
+#: The multiplier of each constraint, by the name of its gap.
+MULTIPLIERS = {"shape": "Y1", "expression": "Y2", "code": "Y3", "affine": "Y4"}
+#: Ways to keep diag(C) = 0, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
+DIAGONALS = ("threshold", "exact", "paper")
 
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """Variables of the ADMM: S, S# and Y1 are (F, 3, P), C, E and Y3 (P, P); b is the penalty of S# = g(S).
+    """Variables of the ADMM. The paper's g(S), the F x 3P arrangement, is a reshape of S: no data moves."""
 
-    The paper's g(S), the F x 3P arrangement, is a reshape of the (F, 3, P) array: no data moves. Y1 belongs to
-    S# = g(S), Y3 to C = E.
-    """
-
-    S: Array
-    shape: Array
+    S: Array  # (F, 3, P)
+    shape: Array  # S#, (F, 3, P)
     C: Square
     E: Square
-    Y1: Array
-    Y3: Square
-    b: float
+    Y1: Array  # multiplier of S# = g(S), (F, 3, P)
+    Y2: Any = None  # of S = S C, (F, 3, P); None in a formulation without it
+    Y3: Square  # of C = E
+    Y4: Any = None  # of 1'C = 1', (P,); None in a formulation without it
+    b: float  # the penalty of S# = g(S)
     nuclear_norm: float = 0.0
 
 
-StateT = TypeVar("StateT", bound=State)
-
-
-class Problem(Protocol[StateT]):
+@dataclass(frozen=True)
+class Problem:
     """An augmented Lagrangian and the exact minimiser of each block of its variables."""
 
-    @property
-    def W(self) -> Array:
-        """Centred tracks, (F, 2, P)."""
+    W: Array  # centred tracks, (F, 2, P)
+    cameras: Array  # (F, 2, 3)
+    l1: float  # weight of |E|_1
+    l2: float  # weight of |S#|_*
+    diagonal: str = field(default="threshold", kw_only=True)  # one of DIAGONALS
 
-    @property
-    def cameras(self) -> Array:
-        """(F, 2, 3)."""
-
-    @property
-    def l2(self) -> float:
-        """Weight of the nuclear norm."""
-
-    def with_tracks(self, W: Array) -> Self:
-        """The same problem with other tracks; whatever was derived from the first ones stays."""
-
-    def code_step(self, state: StateT) -> Square:
+    @abstractmethod
+    def code_step(self, state: State) -> Square:
         """The minimiser C."""
 
-    def sparse_step(self, state: StateT) -> Square:
+    @abstractmethod
+    def sparse_step(self, state: State) -> Square:
         """The minimiser E."""
 
-    def structure_step(self, state: StateT) -> Array:
+    @abstractmethod
+    def structure_step(self, state: State) -> Array:
         """The minimiser S."""
 
-    def gaps(self, state: StateT) -> Gaps:
+    @abstractmethod
+    def gaps(self, state: State) -> Gaps:
         """Violation of each constraint; the infinity norms are the paper's residuals."""
 
-    def multiplier_step(self, state: StateT, gaps: Gaps) -> StateT:
-        """The state with each multiplier moved by its penalty times its gap."""
-
-    def objective(self, state: StateT) -> float:
+    @abstractmethod
+    def objective(self, state: State) -> float:
         """The objective without the constraints."""
 
-    def penalties(self, state: StateT) -> tuple[tuple[Array, str, float], ...]:
-        """Multiplier, name of the gap and penalty of each constraint."""
-
-    def operations(self, state: StateT) -> float:
+    @abstractmethod
+    def operations(self, state: State) -> float:
         """Multiplications and additions of the iteration that led to a state, without lower orders."""
+
+    def penalty(self, state: State, name: str) -> float:
+        """The penalty of a constraint, by the name of its gap."""
+        return state.b
+
+    def multiplier_step(self, state: State, gaps: Gaps) -> State:
+        """Y += its penalty times the violated constraint (algorithm 1)."""
+        names = {name: Y for name, Y in MULTIPLIERS.items() if name in gaps}
+        return replace(
+            state, **{Y: getattr(state, Y) + self.penalty(state, name) * gaps[name] for name, Y in names.items()}
+        )
+
+
+def solve_code(V: Array, H: Array, N: Array, diagonal: str) -> Array:
+    """C of (V'V + I) C = V'H + N for V, H (r, P) and N (P, P): a ridge regression of the tracks on each other.
+
+    The smaller of two matrices is factored, V'V + I or V V' + I: with C = N + V'T, (V V' + I) T = H - V N.
+    O(r P min(r, P) + r P^2). The diagonal: ``exact`` solves under diag(C) = 0, ``paper`` subtracts the diagonal of the
+    solution, ``threshold`` leaves it.
+    """
+    r, P = V.shape
+    if r < P:
+        factor = shifted_cholesky(gram(V.T), 1.0)
+        C: Array = N + V.T @ cholesky_solve(factor, H - V @ N)
+    else:
+        factor = shifted_cholesky(gram(V), 1.0)
+        C = cholesky_solve(factor, V.T @ H + N)
+    if diagonal == "exact":  # multipliers m of diag(C) = 0: C = K^-1 (rhs - diag(m)), K = V'V + I
+        whole = np.eye(P)
+        inverse = whole - V.T @ cholesky_solve(factor, V.copy()) if r < P else cholesky_solve(factor, whole)
+        C = C - inverse * (np.diagonal(C) / np.diagonal(inverse))
+    return without_diagonal(C) if diagonal == "paper" else C
 
 
 def shape_step(l2: float, state: State) -> tuple[Array, float]:
@@ -91,11 +116,8 @@ def shape_step(l2: float, state: State) -> tuple[Array, float]:
     return flat.reshape(F, 3, P), norm
 
 
-def iterate(problem: Problem[StateT], state: StateT) -> tuple[StateT, Gaps]:
-    """One iteration: C and E before S, so that S never meets an empty code; then S# and the multipliers.
-
-    Returns the new state and the gaps of the constraints.
-    """
+def iterate(problem: Problem, state: State) -> tuple[State, Gaps]:
+    """The next state and its gaps. C and E come before S, so that S never meets an empty code."""
     state = replace(state, C=problem.code_step(state))
     state = replace(state, E=problem.sparse_step(state))
     state = replace(state, S=problem.structure_step(state))
@@ -105,22 +127,12 @@ def iterate(problem: Problem[StateT], state: StateT) -> tuple[StateT, Gaps]:
     return problem.multiplier_step(state, gaps), gaps
 
 
-def minimise(
-    problem: Problem[StateT],
-    state: StateT,
-    max_iter: int,
-    tol: float,
-    *,
-    growth: float = 1.0,
-    max_penalty: float = float("inf"),
-    visible: Mask | None = None,
-    progress: Progress | None = None,
-) -> tuple[StateT, dict[str, Array]]:
-    """Algorithm 1: iterate until all gaps' infinity norms are below ``tol``; b grows after each iteration.
+def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -> tuple[State, dict[str, Array]]:
+    """Algorithm 1: iterate until the infinity norms of all gaps are below the tolerance.
 
     Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
     R S + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so the
-    data term is that of the visible tracks.
+    data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
 
     Returns
     -------
@@ -128,12 +140,11 @@ def minimise(
         The last state, and curves by iteration: the objective, the gaps' norms, CPU seconds and operations.
     """
     history: dict[str, list[float]] = defaultdict(list)
-    admm = Admm(max_iter, tol, state.b, growth=growth, max_penalty=max_penalty, progress=progress)
     for b in admm:
         start = time.process_time()
         state, gaps = iterate(problem, replace(state, b=b))
         if visible is not None:
-            problem = problem.with_tracks(fill(problem.W, problem.cameras @ state.S, visible))
+            problem = replace(problem, W=fill(problem.W, problem.cameras @ state.S, visible))
         history["seconds"].append(time.process_time() - start)
         history["operations"].append(problem.operations(state))
         history["objective"].append(problem.objective(state))
@@ -142,14 +153,3 @@ def minimise(
             history[name].append(value)
         admm.report(**residuals)
     return state, {name: np.array(values) for name, values in history.items()}
-
-
-def lagrangian(problem: Problem[StateT], state: StateT) -> float:
-    """The augmented Lagrangian whose blocks the steps minimise; for checks, as it costs a decomposition."""
-    F, _, P = state.S.shape
-    norm = float(np.linalg.svd(state.shape.reshape(F, 3 * P), compute_uv=False).sum())
-    value = problem.objective(replace(state, nuclear_norm=norm))
-    gaps = problem.gaps(state)
-    for Y, name, b in problem.penalties(state):
-        value += float(np.sum(Y * gaps[name])) + b / 2 * float(np.sum(gaps[name] ** 2))
-    return value

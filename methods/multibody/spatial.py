@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from nrsfm.methods.base import Array, MethodError
-from nrsfm.methods.multibody.lagrangian import PrintedProblem, PrintedState
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
+from nrsfm.methods.multibody.problem import State
 from nrsfm.methods.numerics.linear import conjugate_gradients
 from nrsfm.methods.numerics.proximal import soft
 
@@ -28,14 +29,7 @@ MOST_STEPS = 500  # of conjugate gradients, in case that rounding keeps them abo
 class Neighbours:
     """The matrix D = [I, w N] and solvers with G = D D' = I + w^2 L, L the graph's Laplacian.
 
-    Parameters
-    ----------
-    edges : (E, 2) int array
-        Pairs of neighbours; loops and repeated pairs are dropped.
-    n_points : int
-    weight : float
-        w, the spatial term's weight over l1.
-    dtype : numpy float type
+    The edges are (E, 2) pairs of neighbours, of which loops and repeated pairs are dropped; the weight is w.
 
     Raises
     ------
@@ -89,21 +83,16 @@ class Neighbours:
 
 @dataclass(frozen=True)
 class SpatialProblem(PrintedProblem):
-    """The printed Lagrangian with the spatial term; E and Y3 of the state are (P, P + edges).
-
-    Parameters
-    ----------
-    neighbours : Neighbours
-    """
+    """The printed Lagrangian with the spatial term; E and Y3 of the state are (P, P + edges)."""
 
     neighbours: Neighbours = field(kw_only=True)
 
-    def start(self, b: float) -> PrintedState:
+    def start(self, b: float) -> State:
         """S = pinv(R) W, S# = g(S), all else zero."""
         wide = np.zeros(self.neighbours.D.shape)
         return replace(super().start(b), E=wide, Y3=wide)
 
-    def code_step(self, state: PrintedState) -> Array:
+    def code_step(self, state: State) -> Array:
         """C of eq. (20): (S'S + 11') C + C G = S'S + S'Y2/b + 11' - 1 Y4/b + (E - Y3/b) D'."""
         V, H = self.code_rows(state)
         return self.solve_code(V, H, self.neighbours.gather(state.E - state.Y3 / state.b))
@@ -120,13 +109,13 @@ class SpatialProblem(PrintedProblem):
         change: Array = U.T @ (self.neighbours.solve_shifted(seen, s**2) - self.neighbours.solve(seen.T).T)
         return self.neighbours.solve(B.T).T + change
 
-    def sparse_step(self, state: PrintedState) -> Array:
+    def sparse_step(self, state: State) -> Array:
         """E of eq. (18): soft threshold of C D + Y3/b at l1/b, the diagonal of its part for C zero."""
         E = soft(self.neighbours.differences(state.C) + state.Y3 / state.b, self.l1 / state.b)
         np.fill_diagonal(E[:, : len(E)], 0)
         return E
 
-    def code_gap(self, state: PrintedState) -> Array:
+    def code_gap(self, state: State) -> Array:
         """C D - E."""
         gap: Array = self.neighbours.differences(state.C) - state.E
         return gap

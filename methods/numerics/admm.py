@@ -7,10 +7,12 @@ method of multipliers", 2011.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import KW_ONLY, dataclass, field
 
 from nrsfm.methods.base import Progress
 
 
+@dataclass
 class Admm:
     """Iterations until every residual is below a tolerance, or the last iteration.
 
@@ -20,37 +22,17 @@ class Admm:
         for b in admm:
             ...
             multiplier /= admm.balance(primal, dual)
-
-    Parameters
-    ----------
-    max_iter : int
-    tol : float
-    penalty : float
-        That of the first iteration.
-    growth, max_penalty : float
-        Factor of the penalty after each iteration, and its cap.
-    progress : callable, optional
-        Called with the residuals of every iteration.
     """
 
-    def __init__(
-        self,
-        max_iter: int,
-        tol: float,
-        penalty: float = 1.0,
-        *,
-        growth: float = 1.0,
-        max_penalty: float = float("inf"),
-        progress: Progress | None = None,
-    ) -> None:
-        self.max_iter = max_iter
-        self.tol = tol
-        self.penalty = penalty
-        self.growth = growth
-        self.max_penalty = max_penalty
-        self.progress = progress
-        self.iteration = 0
-        self.residual = float("inf")
+    max_iter: int
+    tol: float
+    penalty: float = 1.0  # that of the first iteration
+    _: KW_ONLY
+    growth: float = 1.0  # factor of the penalty after each iteration
+    max_penalty: float = float("inf")
+    progress: Progress | None = None  # called with the residuals of every iteration
+    iteration: int = field(default=0, init=False)
+    residual: float = field(default=float("inf"), init=False)
 
     def __iter__(self) -> Iterator[float]:
         while self.iteration < self.max_iter and not self.converged:

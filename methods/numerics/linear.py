@@ -1,4 +1,4 @@
-"""Symmetric products, factors and eigenvectors by the LAPACK routines that do half the work; conjugate gradients."""
+"""Symmetric products, factors and eigenvectors by the LAPACK routines that do half the work; the axes of cameras."""
 
 from __future__ import annotations
 
@@ -11,6 +11,15 @@ from nrsfm.methods.base import Array
 
 #: The smallest positive normal double; keeps divisions finite.
 TINY = float(np.finfo(np.float64).tiny)
+
+
+def axes(cameras: Array) -> Array:
+    """Complete (F, 2, 3) cameras to rotations Q_f = [r1; r2; r1 x r2], shape (F, 3, 3): the viewing direction is last.
+
+    In these axes R'R of W = R S (Kumar, Dai, Li, 3DV 2016, eq. 1) is diag(1, 1, 0): image rows and depth rows decouple.
+    """
+    across = np.cross(cameras[:, 0, :], cameras[:, 1, :])
+    return np.concatenate([cameras, across[:, None]], axis=1)
 
 
 def gram(A: Array) -> Array:
@@ -51,17 +60,10 @@ def without_diagonal(A: Array) -> Array:
 def conjugate_gradients(
     product: Callable[[Array], Array], B: Array, done: Callable[[Array], bool], *, axis: int, max_steps: int
 ) -> Array:
-    """X of product(X) = B for many right-hand sides at once, from X = 0.
+    """X of product(X) = B for many right-hand sides at once, vectors along an axis of B (0 or 1), from X = 0.
 
-    Parameters
-    ----------
-    product : callable
-        A symmetric positive definite operator, of each vector its own.
-    B : array
-        Its vectors lie along ``axis``, 0 or 1.
-    done : callable
-        Whether to stop, from the squared lengths of all residuals.
-    axis, max_steps : int
+    ``product`` applies to each vector a symmetric positive definite operator of its own. ``done`` says whether to stop,
+    from the squared lengths of all residuals.
     """
 
     def inner(U: Array, V: Array) -> Array:

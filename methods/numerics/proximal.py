@@ -19,21 +19,11 @@ def soft(X: Array, threshold: float) -> Array:
 
 
 def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
-    """Proximal step of ``threshold * |M|_*``: shrink the singular values.
+    """Proximal step of ``threshold * |M|_*``: M with its singular values shrunk, and the nuclear norm of that.
 
     Works on the Gram matrix of the short side, O(F^2 N) for an (F, N) matrix with F <= N. Squaring loses singular
     values under about 1e-8 of the largest; they matter only when the threshold is as small, and then a
     full decomposition is taken.
-
-    Parameters
-    ----------
-    M : (F, N) array
-    threshold : float
-
-    Returns
-    -------
-    (F, N) array, float
-        The shrunk matrix and its nuclear norm.
 
     References
     ----------

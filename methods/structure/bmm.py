@@ -9,19 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nrsfm.methods.base import (
-    Array,
-    Mask,
-    Method,
-    MethodError,
-    Observations,
-    Progress,
-    Reconstruction,
-    check_at_least,
-    check_count,
-    check_positive,
-    standardise,
-)
+from nrsfm.methods import base
+from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Progress, Reconstruction
 from nrsfm.methods.gaps import fill, misfit
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
@@ -32,26 +21,15 @@ from nrsfm.methods.numerics.proximal import singular_value_threshold
 class ShapeFit:
     """Solution of the shape step, with the multiplier and penalty that its ADMM ended with.
 
-    Parameters
-    ----------
-    structure, shape : (F, 3, P) array
-        S and its copy S# of lower rank.
-    multiplier : (F, 3, P) array
-        Of g(S) = S#, at weight 1 of the nuclear norm.
-    penalty : float
-        b, at weight 1 of the nuclear norm.
-    nuclear_norm : float
-    residual : float
-        Relative, at the end.
-    iterations : int
+    The multiplier belongs to g(S) = S#; it and the penalty b are at weight 1 of the nuclear norm.
     """
 
-    structure: Array
-    shape: Array
-    multiplier: Array
+    structure: Array  # S, (F, 3, P)
+    shape: Array  # its copy S# of lower rank, (F, 3, P)
+    multiplier: Array  # (F, 3, P)
     penalty: float
     nuclear_norm: float
-    residual: float
+    residual: float  # relative, at the end
     iterations: int
 
 
@@ -65,7 +43,6 @@ class BMM(Method):
         Weight of the nuclear norm against the data term in standardised units; 0 is the noise-free limit.
     rank : int or None
         Cut the F x 3P structure to this rank afterwards, as the authors' K.
-    max_iter : int
     tol : float
         Stop when the relative primal and dual residuals are below it.
     """
@@ -80,13 +57,13 @@ class BMM(Method):
 
     def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
-        check_at_least(self, 0, "l2")
-        check_count(self, "max_iter")
-        check_positive(self, "tol")
+        base.check_at_least(self, 0, "l2")
+        base.check_count(self, "max_iter")
+        base.check_positive(self, "tol")
         if self.rank is not None:
-            check_count(self, "rank")
+            base.check_count(self, "rank")
         cameras, visible = observations.required_cameras(), observations.visible
-        data = standardise(observations.tracks, visible)
+        data = base.standardise(observations.tracks, visible)
         observations.stage("structure")
         fit = fit_shape(
             data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=observations.progress
@@ -107,7 +84,6 @@ def fit_shape(
     *,
     max_iter: int = 6000,
     tol: float = 1e-4,
-    penalty: float | None = None,
     progress: Progress | None = None,
 ) -> ShapeFit:
     """The shape step of the block matrix method, by ADMM on the split S# = g(S).
@@ -120,20 +96,13 @@ def fit_shape(
     Parameters
     ----------
     W : (F, 2, P) array
-        Centred tracks.
+        Centred tracks; 0 where they have a gap.
     cameras : (F, 2, 3) array
     l2 : float
         Weight of the nuclear norm; the objective is l2 |S#|_* + 1/2 |W - R S|^2, or |S#|_* under R S = W when 0.
     visible : (F, P) bool array, optional
-        False where a track has a gap; W is 0 there.
-    max_iter, tol
-        Iterations, and the relative size of the primal and dual residuals to stop at.
-    penalty : float, optional
-        Initial b; chosen from the size of the tracks by default, and balanced on the way.
-
-    Returns
-    -------
-    ShapeFit
+    tol : float
+        Relative size of the primal and dual residuals to stop at.
 
     Raises
     ------
@@ -145,12 +114,11 @@ def fit_shape(
     F, _, P = W.shape
     Rt = cameras.transpose(0, 2, 1)
     S = Rt @ W
-    b = penalty or 20.0 / float(np.linalg.norm(S.reshape(F, 3 * P), 2))
     Z = S.copy()
     Y = np.zeros_like(S)  # scaled multiplier of g(S) = S#, Y/b
     size = max(float(np.linalg.norm(W)), TINY)
     norm = 0.0
-    admm = Admm(max_iter, tol, b, progress=progress)
+    admm = Admm(max_iter, tol, 20.0 / float(np.linalg.norm(S.reshape(F, 3 * P), 2)), progress=progress)
     for b in admm:
         V = Z + Y
         S = V + Rt @ misfit(W, cameras @ V, visible) / (1 + b * l2)
@@ -171,7 +139,7 @@ def complete_by_shape(observations: Observations) -> Array:
     visible, cameras = observations.visible, observations.required_cameras()
     if visible is None:
         return observations.tracks
-    data = standardise(observations.tracks, visible)
+    data = base.standardise(observations.tracks, visible)
     observations.stage("gaps")
     fit = fit_shape(data.W, cameras, 0.0, visible, progress=observations.progress)
     return data.scale * fill(data.W, cameras @ fit.structure, visible)

@@ -53,7 +53,7 @@ def trajectory_basis(n_frames: int, rank: int) -> Array:
 
 
 def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None = None) -> Array:
-    """min |W - R S| over structures whose trajectories lie on the basis: least squares for each point.
+    """The (F, 3, P) structure on the basis that minimises |W - R S|: least squares for each point.
 
     W = R (Theta x I_3) A = Lambda A, (2F, 3K) times (3K, P), eq. (7) of the conference paper. Of several solutions, as
     for cameras that move too little, that of the least norm. Where a track has a gap, its rows are left out; the
@@ -67,10 +67,6 @@ def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None =
     rank : int
         K, at most F.
     visible : (F, P) bool array, optional
-
-    Returns
-    -------
-    (F, 3, P) array
     """
     F, _, P = W.shape
     Theta = trajectory_basis(F, rank)

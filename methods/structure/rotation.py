@@ -76,13 +76,7 @@ def estimate_cameras(tracks: Array, rank: int = RANK, *, start: str = "trace_nor
 
 
 def factor(W: Array, rank: int) -> Array:
-    """The left factor M = U sqrt(D), (F, 2, n), of centred tracks (F, 2, P) cut to rank n <= 3K.
-
-    Raises
-    ------
-    MethodError
-        As :func:`estimate_cameras`.
-    """
+    """The left factor M = U sqrt(D), (F, 2, n), of centred tracks (F, 2, P) cut to rank n <= 3K."""
     F, _, P = W.shape
     if isinstance(rank, bool) or not isinstance(rank, int | np.integer) or rank < 1:
         raise MethodError(f"cameras.rank is {rank!r}, wanted a whole number of at least 1")
@@ -144,21 +138,10 @@ def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float 
 
         2F lambda_min(C, M'M) - w |r|^2 / 2F  <=  the optimum,
 
-    because the square is convex; r = A x makes it tight. The iteration stops when that bound proves the objective.
+    because the square is convex; r = A x makes it tight.
 
-    Parameters
-    ----------
-    M : (F, 2, n) array
-    weight : float
-        w, without unit.
-    max_iter : int
-    tol : float
-        Relative gap between objective and bound to stop at.
-
-    Returns
-    -------
-    GramFit
-        Q is feasible exactly.
+    M is (F, 2, n); Q, which is feasible exactly, (n, n). The weight w has no unit. The iteration stops when the gap
+    between objective and bound, relative to the objective, is below ``tol``.
 
     References
     ----------
@@ -181,7 +164,8 @@ def fit_gram(M: Array, weight: float = 1e3, *, max_iter: int = 3000, tol: float 
         x = inverse * (b * (z - u) - trace)
         x += inverse * h * ((2 * F - h @ x) / (h @ (inverse * h)))
         relaxed, before = 1.6 * x + (1 - 1.6) * z, z
-        Z = _project(smat(V @ (relaxed + u), n))
+        w, U = np.linalg.eigh(smat(V @ (relaxed + u), n))
+        Z = (U * np.maximum(w, 0)) @ U.T  # the nearest semidefinite matrix
         z = svec(Z) @ V
         u += relaxed - z
         if iteration % 10 == 0:
@@ -272,13 +256,6 @@ def orthonormal_rows(A: Array) -> Array:
     agreement = np.einsum("fij,fij->f", R[1:], R[:-1])
     R[1:] *= np.cumprod(np.where(agreement < 0, -1.0, 1.0))[:, None, None]
     return R
-
-
-def _project(Q: Array) -> Array:
-    """Nearest positive semidefinite matrix."""
-    w, V = np.linalg.eigh(Q)
-    nearest: Array = (V * np.maximum(w, 0)) @ V.T
-    return nearest
 
 
 def _rank_three(Q: Array) -> Array:

@@ -12,8 +12,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from nrsfm.datasets.cameras import orbit
 from nrsfm.methods.base import Array
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
-from nrsfm.methods.multibody.problem import iterate
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
+from nrsfm.methods.multibody.problem import State, iterate
 from tests.benchmarks.timing import timed
 from tests.methods.parts import random_state
 
@@ -21,16 +21,16 @@ SIZES = (116, 500, 1000)
 FRAMES = 100
 
 
-def middle(P: int) -> tuple[DenseProblem, PrintedState]:
+def middle(P: int) -> tuple[PrintedProblem, State]:
     """A problem of P tracks and a state in the middle of a solve."""
     rng = np.random.default_rng(0)
-    problem = DenseProblem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
+    problem = PrintedProblem(rng.standard_normal((FRAMES, 2, P)), orbit(FRAMES), 3e-3, 0.1)
     state = random_state(rng, FRAMES, P)
     scaled = {name: getattr(state, name) / (0.3 * P) for name in ("C", "E", "Y3")}
     return problem, replace(state, **scaled, Y4=np.zeros(P), b=1.0)
 
 
-def structure_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
+def structure_by_sylvester(problem: PrintedProblem, state: State) -> Array:
     F, _, P = problem.W.shape
     b, M = state.b, np.eye(P) - state.C
     R = scipy.linalg.block_diag(*problem.cameras)
@@ -40,7 +40,7 @@ def structure_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     return S
 
 
-def code_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
+def code_by_sylvester(problem: PrintedProblem, state: State) -> Array:
     P, b = state.C.shape[0], state.b
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
     K = S.T @ S + ones
@@ -49,7 +49,7 @@ def code_by_sylvester(problem: DenseProblem, state: PrintedState) -> Array:
     return C
 
 
-Step = Callable[[DenseProblem, PrintedState], Array]
+Step = Callable[[PrintedProblem, State], Array]
 
 
 STEPS: dict[str, tuple[Step, Step]] = {
@@ -69,7 +69,7 @@ def test_step(benchmark: BenchmarkFixture, step: str, P: int, kind: str) -> None
     np.testing.assert_allclose(result, STEPS[step][0](problem, state), atol=1e-7)
 
 
-def unavoidable(problem: DenseProblem, state: PrintedState) -> None:
+def unavoidable(problem: PrintedProblem, state: State) -> None:
     """The BLAS and LAPACK calls of one iteration, on operands of its sizes, and nothing else.
 
     Products: S'S (half), S'Y2, Y2 M', M M' (half), S C, the threshold's Gram matrix (half) and recomposition;

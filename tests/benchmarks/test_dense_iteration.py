@@ -16,9 +16,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from nrsfm.datasets.generated import procedural
 from nrsfm.methods.base import standardise
 from nrsfm.methods.multibody.implicit import ImplicitProblem
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
 from nrsfm.methods.multibody.lowrank import Multiplier
-from nrsfm.methods.multibody.problem import iterate
+from nrsfm.methods.multibody.problem import State, iterate
 from tests.benchmarks.timing import timed
 from tests.methods.parts import present
 
@@ -30,7 +30,7 @@ FORMS: dict[str, dict[str, Any]] = {
 
 
 @cache
-def middle(P: int) -> tuple[ImplicitProblem, PrintedState]:
+def middle(P: int) -> tuple[ImplicitProblem, State]:
     """60 iterations into a solve of two surfaces, b = .3."""
     scene = procedural.load_scene(["face", "heart"], [P // 2, P - P // 2], FRAMES, 0, name="surfaces")
     W = standardise(scene.tracks).W
@@ -43,13 +43,13 @@ def middle(P: int) -> tuple[ImplicitProblem, PrintedState]:
 
 
 @cache
-def densified(P: int) -> tuple[DenseProblem, PrintedState]:
+def densified(P: int) -> tuple[PrintedProblem, State]:
     """The same iterate for the dense problem."""
     problem, state = middle(P)
     U: Multiplier = state.Y3
     Y3 = U.b * (U.V.T @ U.M + U.drift.toarray()).astype(float)
     C, E = state.C.rows(slice(0, P)).astype(float), state.E.toarray().astype(float)
-    return DenseProblem(problem.W, problem.cameras, problem.l1, problem.l2), replace(state, C=C, E=E, Y3=Y3)
+    return PrintedProblem(problem.W, problem.cameras, problem.l1, problem.l2), replace(state, C=C, E=E, Y3=Y3)
 
 
 @cache
@@ -68,5 +68,5 @@ def test_iteration(benchmark: BenchmarkFixture, P: int, form: str) -> None:
     if isinstance(problem, ImplicitProblem):
         problem = replace(problem, **FORMS[form])
         benchmark.extra_info["entries of E a track"] = state.E.nnz / P
-    after: PrintedState = timed(benchmark, 3, 1, iterate, problem, state)[0]
+    after: State = timed(benchmark, 3, 1, iterate, problem, state)[0]
     assert np.linalg.norm(after.S - structure(P)) < 1e-3 * np.linalg.norm(structure(P))

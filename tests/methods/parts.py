@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.methods.base import Array, Observations
-from nrsfm.methods.multibody.lagrangian import PrintedState
+from nrsfm.methods.multibody.problem import MULTIPLIERS, Problem, State
 
 T = TypeVar("T")
 
@@ -24,7 +25,7 @@ def observed(scene: Scene) -> Observations:
     return Observations(scene.tracks, scene.cameras, scene.visible)
 
 
-def random_state(rng: np.random.Generator, n_frames: int, n_points: int, width: int | None = None) -> PrintedState:
+def random_state(rng: np.random.Generator, n_frames: int, n_points: int, width: int | None = None) -> State:
     """A random state with a medium penalty; E and Y3 have ``width`` columns, by default as many as C."""
 
     def triple() -> Array:
@@ -34,7 +35,7 @@ def random_state(rng: np.random.Generator, n_frames: int, n_points: int, width: 
         return 0.3 * rng.standard_normal((n_points, columns))
 
     wide = width or n_points
-    return PrintedState(
+    return State(
         S=triple(),
         shape=triple(),
         C=square(n_points),
@@ -45,3 +46,13 @@ def random_state(rng: np.random.Generator, n_frames: int, n_points: int, width: 
         Y4=rng.standard_normal((n_points,)),
         b=0.7,
     )
+
+
+def lagrangian(problem: Problem, state: State) -> float:
+    """The augmented Lagrangian whose blocks the steps minimise."""
+    norm = np.linalg.norm(state.shape.reshape(len(state.shape), -1), "nuc")
+    value = problem.objective(replace(state, nuclear_norm=float(norm)))
+    for name, gap in problem.gaps(state).items():
+        value += float(np.sum(getattr(state, MULTIPLIERS[name]) * gap))
+        value += problem.penalty(state, name) / 2 * float(np.sum(gap**2))
+    return value

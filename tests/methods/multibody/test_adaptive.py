@@ -16,10 +16,10 @@ from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
 from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody, AdaptiveProblem
 from nrsfm.methods.multibody.motion import directions, noise_variance
-from nrsfm.methods.multibody.problem import State, lagrangian, shape_step
+from nrsfm.methods.multibody.problem import State, shape_step
 from nrsfm.methods.structure.bmm import BMM
 from tests.methods.multibody.test_printed import slope, with_block
-from tests.methods.parts import observed, present, random_state
+from tests.methods.parts import lagrangian, observed, present, random_state
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.methods.base import standardise
 from nrsfm.methods.multibody import implicit
 from nrsfm.methods.multibody.implicit import ImplicitProblem, _leading
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedProblem, PrintedState
-from nrsfm.methods.multibody.problem import Gaps, iterate
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
+from nrsfm.methods.multibody.problem import Gaps, State, iterate
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
 from tests.methods.parts import present
 
@@ -28,7 +28,7 @@ def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[Printe
     W = standardise(scene.tracks).W
     arguments = (W, present(scene.cameras), 3e-3, 0.1)
     if not spatial:
-        return DenseProblem(*arguments), ImplicitProblem(*arguments, dtype=dtype)
+        return PrintedProblem(*arguments), ImplicitProblem(*arguments, dtype=dtype)
     neighbours = Neighbours(scene.edges, scene.n_points, spatial)
     return (
         SpatialProblem(*arguments, neighbours=neighbours),
@@ -36,7 +36,7 @@ def pair(scene: Scene, spatial: float, dtype: type = np.float64) -> tuple[Printe
     )
 
 
-def solve(problem: PrintedProblem, iterations: int, b: float = 1e-3) -> tuple[PrintedState, Gaps]:
+def solve(problem: PrintedProblem, iterations: int, b: float = 1e-3) -> tuple[State, Gaps]:
     state = problem.start(b)
     gaps: Gaps = {}
     for _ in range(iterations):

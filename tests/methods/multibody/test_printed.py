@@ -15,25 +15,25 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
 from nrsfm.methods.base import Method, MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
 from nrsfm.methods.multibody.printed import MultiBody
-from nrsfm.methods.multibody.problem import Problem, StateT, lagrangian, shape_step
-from tests.methods.parts import present, random_state
+from nrsfm.methods.multibody.problem import Problem, State, shape_step
+from tests.methods.parts import lagrangian, present, random_state
 
 
 @pytest.fixture
-def problem(small_scene: Scene) -> DenseProblem:
-    return DenseProblem(standardise(small_scene.tracks).W, present(small_scene.cameras), l1=0.01, l2=0.1)
+def problem(small_scene: Scene) -> PrintedProblem:
+    return PrintedProblem(standardise(small_scene.tracks).W, present(small_scene.cameras), l1=0.01, l2=0.1)
 
 
 @pytest.fixture
-def state(problem: DenseProblem, rng: np.random.Generator) -> PrintedState:
+def state(problem: PrintedProblem, rng: np.random.Generator) -> State:
     """A random state with a medium penalty."""
     F, _, P = problem.W.shape
     return random_state(rng, F, P)
 
 
-def slope(problem: Problem[StateT], state: StateT, name: str, direction: np.ndarray, step: float = 1e-4) -> float:
+def slope(problem: Problem, state: State, name: str, direction: np.ndarray, step: float = 1e-4) -> float:
     """Central difference of the augmented Lagrangian along a direction of one variable."""
     value = getattr(state, name)
     up = lagrangian(problem, with_block(state, name, value + step * direction))
@@ -41,22 +41,20 @@ def slope(problem: Problem[StateT], state: StateT, name: str, direction: np.ndar
     return (up - down) / (2 * step)
 
 
-def with_block(state: StateT, name: str, value: np.ndarray) -> StateT:
+def with_block(state: State, name: str, value: np.ndarray) -> State:
     """The state with another value of one variable."""
     blocks: dict[str, Any] = {name: value}
     return replace(state, **blocks)
 
 
-def test_structure_step_zeroes_the_gradient(
-    problem: DenseProblem, state: PrintedState, rng: np.random.Generator
-) -> None:
+def test_structure_step_zeroes_the_gradient(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
     direction = rng.standard_normal(state.S.shape)
     assert abs(slope(problem, state, "S", direction)) > 1
     solved = replace(state, S=problem.structure_step(state))
     assert abs(slope(problem, solved, "S", direction)) < 1e-5
 
 
-def test_code_step_zeroes_the_gradient(problem: DenseProblem, state: PrintedState, rng: np.random.Generator) -> None:
+def test_code_step_zeroes_the_gradient(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
     direction = rng.standard_normal(state.C.shape)
     assert abs(slope(problem, state, "C", direction)) > 1
     solved = replace(state, C=problem.code_step(state))
@@ -64,7 +62,7 @@ def test_code_step_zeroes_the_gradient(problem: DenseProblem, state: PrintedStat
 
 
 def test_exact_diagonal_is_the_constrained_minimum(
-    problem: DenseProblem, state: PrintedState, rng: np.random.Generator
+    problem: PrintedProblem, state: State, rng: np.random.Generator
 ) -> None:
     exact = replace(problem, diagonal="exact")
     solved = replace(state, C=exact.code_step(state))
@@ -75,7 +73,7 @@ def test_exact_diagonal_is_the_constrained_minimum(
     assert abs(slope(exact, solved, "C", direction)) < 1e-5
 
 
-def test_paper_diagonal_is_not_a_minimum(problem: DenseProblem, state: PrintedState, rng: np.random.Generator) -> None:
+def test_paper_diagonal_is_not_a_minimum(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
     printed = replace(problem, diagonal="paper")
     solved = replace(state, C=printed.code_step(state))
     assert np.abs(np.diag(solved.C)).max() == 0
@@ -85,7 +83,7 @@ def test_paper_diagonal_is_not_a_minimum(problem: DenseProblem, state: PrintedSt
 
 
 def test_sparse_step_is_the_minimum_with_zero_diagonal(
-    problem: DenseProblem, state: PrintedState, rng: np.random.Generator
+    problem: PrintedProblem, state: State, rng: np.random.Generator
 ) -> None:
     solved = replace(state, E=problem.sparse_step(state))
     assert np.abs(np.diag(solved.E)).max() == 0
@@ -97,7 +95,7 @@ def test_sparse_step_is_the_minimum_with_zero_diagonal(
         assert lagrangian(problem, replace(solved, E=solved.E + change)) >= lowest
 
 
-def test_shape_step_is_the_minimum(problem: DenseProblem, state: PrintedState, rng: np.random.Generator) -> None:
+def test_shape_step_is_the_minimum(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
     shape, norm = shape_step(problem.l2, state)
     flat = shape.reshape(len(shape), -1)
     assert norm == pytest.approx(np.linalg.norm(flat, "nuc"), rel=1e-8)
@@ -107,7 +105,7 @@ def test_shape_step_is_the_minimum(problem: DenseProblem, state: PrintedState, r
         assert lagrangian(problem, replace(state, shape=shape + change)) >= lowest - 1e-9
 
 
-def test_steps_agree_with_the_printed_equations(problem: DenseProblem, state: PrintedState) -> None:
+def test_steps_agree_with_the_printed_equations(problem: PrintedProblem, state: State) -> None:
     """Eqs. (14) and (20) solved literally, as Sylvester equations with a block-diagonal R."""
     F, _, P = problem.W.shape
     b = state.b
@@ -126,7 +124,7 @@ def test_steps_agree_with_the_printed_equations(problem: DenseProblem, state: Pr
     np.testing.assert_allclose(problem.code_step(state), C, atol=1e-9)
 
 
-def test_multipliers_follow_the_gaps(problem: DenseProblem, state: PrintedState) -> None:
+def test_multipliers_follow_the_gaps(problem: PrintedProblem, state: State) -> None:
     gaps = problem.gaps(state)
     after = problem.multiplier_step(state, gaps)
     np.testing.assert_allclose(after.Y1 - state.Y1, state.b * (state.shape - state.S))

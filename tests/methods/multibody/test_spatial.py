@@ -10,10 +10,10 @@ import scipy.linalg
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.methods.base import MethodError, standardise
-from nrsfm.methods.multibody.lagrangian import DenseProblem, PrintedState
-from nrsfm.methods.multibody.problem import iterate, lagrangian
+from nrsfm.methods.multibody.lagrangian import PrintedProblem
+from nrsfm.methods.multibody.problem import State, iterate
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
-from tests.methods.parts import present, random_state
+from tests.methods.parts import lagrangian, present, random_state
 
 
 @pytest.fixture
@@ -25,13 +25,13 @@ def problem(small_scene: Scene) -> SpatialProblem:
 
 
 @pytest.fixture
-def state(problem: SpatialProblem, rng: np.random.Generator) -> PrintedState:
+def state(problem: SpatialProblem, rng: np.random.Generator) -> State:
     """A random state."""
     F, _, P = problem.W.shape
     return random_state(rng, F, P, problem.neighbours.D.shape[1])
 
 
-def slope(problem: SpatialProblem, state: PrintedState, direction: np.ndarray, step: float = 1e-4) -> float:
+def slope(problem: SpatialProblem, state: State, direction: np.ndarray, step: float = 1e-4) -> float:
     up = lagrangian(problem, replace(state, C=state.C + step * direction))
     return (up - lagrangian(problem, replace(state, C=state.C - step * direction))) / (2 * step)
 
@@ -54,13 +54,13 @@ def test_the_term_is_what_it_stands_for(problem: SpatialProblem, rng: np.random.
     np.testing.assert_allclose(neighbours.G.toarray(), np.eye(P) + 0.49 * laplacian, atol=1e-12)
 
 
-def test_code_step_zeroes_the_gradient(problem: SpatialProblem, state: PrintedState, rng: np.random.Generator) -> None:
+def test_code_step_zeroes_the_gradient(problem: SpatialProblem, state: State, rng: np.random.Generator) -> None:
     direction = rng.standard_normal(state.C.shape)
     assert abs(slope(problem, state, direction)) > 1
     assert abs(slope(problem, replace(state, C=problem.code_step(state)), direction)) < 1e-5
 
 
-def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, state: PrintedState) -> None:
+def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, state: State) -> None:
     """Eq. (20) solved literally, as a Sylvester equation."""
     P, b, D = state.C.shape[0], state.b, problem.neighbours.D.toarray()
     S, Y2, ones = state.S.reshape(-1, P), state.Y2.reshape(-1, P), np.ones((P, P))
@@ -70,7 +70,7 @@ def test_code_step_agrees_with_the_printed_equation(problem: SpatialProblem, sta
 
 
 def test_sparse_step_is_the_minimum_with_zero_diagonal(
-    problem: SpatialProblem, state: PrintedState, rng: np.random.Generator
+    problem: SpatialProblem, state: State, rng: np.random.Generator
 ) -> None:
     solved = replace(state, E=problem.sparse_step(state))
     P = len(state.C)
@@ -85,7 +85,7 @@ def test_sparse_step_is_the_minimum_with_zero_diagonal(
 def test_without_weight_it_is_the_plain_problem(small_scene: Scene) -> None:
     """A vanishing weight leaves every iterate as it is without the term."""
     W = standardise(small_scene.tracks).W
-    plain = DenseProblem(W, present(small_scene.cameras), 3e-3, 0.1)
+    plain = PrintedProblem(W, present(small_scene.cameras), 3e-3, 0.1)
     spatial = SpatialProblem(
         W,
         present(small_scene.cameras),
