@@ -32,22 +32,8 @@ def offset(placement: str | Sequence[float]) -> Array:
 def view(body: Body, name: str | None = None) -> Scene:
     """A scene of one body before its own cameras, in the source's axes and units; centred per frame.
 
-    Parameters
-    ----------
-    body : Body
-        With cameras.
-    name : str, optional
-        Scene name; the body's by default.
-
-    Returns
-    -------
-    Scene
-        With W = R S exactly.
-
-    Raises
-    ------
-    DatasetError
-        If the body has no cameras, or they are not orthonormal.
+    The scene has W = R S exactly, and the body's name by default. Raises DatasetError if the body has no cameras, or
+    they are not orthonormal.
     """
     if body.cameras is None:
         raise DatasetError(f"body {body.name} has no cameras of its own; place it in a scene instead")
