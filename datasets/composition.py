@@ -134,26 +134,10 @@ def captured(
 ) -> Scene:
     """Bodies where they were captured, in the axes of one room, viewed with one orbiting camera.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-        One or more, of one length. Points that were not captured are gaps in the tracks.
-    name : str, optional
-        Scene name; the bodies' names joined by ``_`` by default.
-    turn_upright : bool
-        Turn the room so that its vertical is z, the axis the camera circles.
-    degrees_per_frame : float
-        The camera's step.
-
-    Returns
-    -------
-    Scene
-        Centred per frame and scaled to unit spread, with W = R S exactly.
-
-    Raises
-    ------
-    DatasetError
-        If there is no body, the bodies differ in length or nothing was captured in some frame.
+    The bodies have one length; points that were not captured are gaps in the tracks. ``turn_upright`` turns the room so
+    that its vertical is z, the axis the camera circles. The scene is centred per frame and scaled to unit spread, with
+    W = R S exactly; its name is by default the bodies' names joined by ``_``. Raises DatasetError if there is no body,
+    the bodies differ in length or nothing was captured in some frame.
     """
     if not bodies:
         raise DatasetError("the take holds no body")
