@@ -32,22 +32,8 @@ def offset(placement: str | Sequence[float]) -> Array:
 def view(body: Body, name: str | None = None) -> Scene:
     """A scene of one body before its own cameras, in the source's axes and units; centred per frame.
 
-    Parameters
-    ----------
-    body : Body
-        With cameras.
-    name : str, optional
-        Scene name; the body's by default.
-
-    Returns
-    -------
-    Scene
-        With W = R S exactly.
-
-    Raises
-    ------
-    DatasetError
-        If the body has no cameras, or they are not orthonormal.
+    The scene has W = R S exactly, and the body's name by default. Raises DatasetError if the body has no cameras, or
+    they are not orthonormal.
     """
     if body.cameras is None:
         raise DatasetError(f"body {body.name} has no cameras of its own; place it in a scene instead")
@@ -148,26 +134,10 @@ def captured(
 ) -> Scene:
     """Bodies where they were captured, in the axes of one room, viewed with one orbiting camera.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-        One or more, of one length. Points that were not captured are gaps in the tracks.
-    name : str, optional
-        Scene name; the bodies' names joined by ``_`` by default.
-    turn_upright : bool
-        Turn the room so that its vertical is z, the axis the camera circles.
-    degrees_per_frame : float
-        The camera's step.
-
-    Returns
-    -------
-    Scene
-        Centred per frame and scaled to unit spread, with W = R S exactly.
-
-    Raises
-    ------
-    DatasetError
-        If there is no body, the bodies differ in length or nothing was captured in some frame.
+    The bodies have one length; points that were not captured are gaps in the tracks. ``turn_upright`` turns the room so
+    that its vertical is z, the axis the camera circles. The scene is centred per frame and scaled to unit spread, with
+    W = R S exactly; its name is by default the bodies' names joined by ``_``. Raises DatasetError if there is no body,
+    the bodies differ in length or nothing was captured in some frame.
     """
     if not bodies:
         raise DatasetError("the take holds no body")

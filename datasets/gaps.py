@@ -38,7 +38,7 @@ def drop(tracks: Array, kind: str, share: float, length: int, repeat: int, scene
         return visible
     wanted = round(share * int(visible.sum()))
     rng = np.random.default_rng(seed(f"{scene}|{kind}", share, repeat))
-    order = _singly(rng, visible) if kind == "random" else _stretches(rng, visible, length)
+    order = rng.permutation(np.argwhere(visible)) if kind == "random" else _stretches(rng, visible, length)
     frames, points = visible.sum(axis=1), visible.sum(axis=0)
     for f, p in order:
         if wanted == 0:
@@ -51,11 +51,6 @@ def drop(tracks: Array, kind: str, share: float, length: int, repeat: int, scene
     if wanted:
         raise DatasetError(f"gaps.share is {share}, more than can be dropped from scene {scene}")
     return visible
-
-
-def _singly(rng: np.random.Generator, visible: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Every visible position once, as pairs of frame and track in random order."""
-    return rng.permutation(np.argwhere(visible))
 
 
 def _stretches(rng: np.random.Generator, visible: NDArray[np.bool_], length: int) -> NDArray[np.int64]:

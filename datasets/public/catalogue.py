@@ -16,33 +16,15 @@ PRESENT, ABSENT, CHANGED = "present", "absent", "changed"
 
 @dataclass(frozen=True)
 class File:
-    """One public file.
+    """One public file."""
 
-    Parameters
-    ----------
-    path : str
-        Its place in the data folder, ``group/name``.
-    url : str
-        Where it is downloaded from.
-    sha256 : str
-        In hex digits.
-    size : int
-        In bytes.
-    terms : str
-        What its authors allow.
-    source : str
-        What to cite.
-    aliases : tuple of str
-        Other words for it, such as the name of the sequence that it holds.
-    """
-
-    path: str
+    path: str  # its place in the data folder, group/name
     url: str
-    sha256: str
-    size: int
-    terms: str
-    source: str
-    aliases: tuple[str, ...] = ()
+    sha256: str  # in hex digits
+    size: int  # in bytes
+    terms: str  # what its authors allow
+    source: str  # what to cite
+    aliases: tuple[str, ...] = ()  # other words for it, such as the name of the sequence that it holds
 
     @property
     def group(self) -> str:

@@ -26,26 +26,9 @@ def get(
     A file takes its place only when its checksum is right: a download that is stopped changes nothing there. A server
     that cannot be reached is tried once, for a few seconds.
 
-    Parameters
-    ----------
-    folder : Path
-        The data folder; made if it is not there.
-    names : iterable of str
-        Groups, paths, file names or aliases; none mean all.
-    progress : callable, optional
-        Called with the file and the bytes that have come.
-    catalogue : mapping of path to File, optional
-        :data:`nrsfm.datasets.public.catalogue.CATALOGUE` by default.
-
-    Returns
-    -------
-    list of (File, error or None)
-        Every wanted file, with None if it is now in place.
-
-    Raises
-    ------
-    DatasetError
-        If a name is unknown or the folder cannot be written to.
+    The folder is made if it is not there. ``names`` are groups, paths, file names or aliases; none mean all. Returns
+    every wanted file, with None if it is now in place. Raises DatasetError if a name is unknown or the folder cannot be
+    written to.
     """
     reached: dict[str, str] = {}
     results: list[tuple[File, DatasetError | None]] = []

@@ -28,20 +28,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-    """Numeric fields of a MATLAB file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    names : sequence of str
-        Fields that must be there.
-    optional : sequence of str
-        Fields that are read if they are there.
-
-    Returns
-    -------
-    dict of float64 arrays
+    """Numeric fields of a MATLAB file as float64 arrays: all of ``names``, and those of ``optional`` that it holds.
 
     Raises
     ------

@@ -20,13 +20,7 @@ PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others tak
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file.
-
-    Parameters
-    ----------
-    path : Path
-    names : collection of str, optional
-        Arrays that are read if they are there; all by default.
+    """The arrays of an .npz file: all, or those of ``names`` that it holds.
 
     Raises
     ------

@@ -31,28 +31,15 @@ SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for ea
 
 @dataclass(frozen=True)
 class TrackFile:
-    """Contents of a file of tracks, before they are checked against each other.
+    """Contents of a file of tracks, before they are checked against each other."""
 
-    Parameters
-    ----------
-    tracks : (F, 2, P) array
-        NaN where a track is not observed.
-    frames, ids : tuple of str
-        Names of the frames and tracks in the file.
-    cameras : (F, 2, 3) array or None
-    structure : (F, 3, P) array or None
-    labels : (P,) int array or None
-    bodies : tuple of str
-        Names of the labels in the file.
-    """
-
-    tracks: Array
-    frames: tuple[str, ...]
-    ids: tuple[str, ...]
-    cameras: Array | None = None
-    structure: Array | None = None
-    labels: NDArray[np.int64] | None = None
-    bodies: tuple[str, ...] = ()
+    tracks: Array  # (F, 2, P), NaN where a track is not observed
+    frames: tuple[str, ...]  # names in the file
+    ids: tuple[str, ...]  # of the tracks, in the file
+    cameras: Array | None = None  # (F, 2, 3)
+    structure: Array | None = None  # (F, 3, P)
+    labels: NDArray[np.int64] | None = None  # (P,)
+    bodies: tuple[str, ...] = ()  # names of the labels in the file
 
 
 def read_fields(path: Path) -> TrackFile:

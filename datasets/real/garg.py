@@ -54,8 +54,7 @@ def path(folder: Path, sequence: str) -> Path:
     if sequence not in SEQUENCES:
         raise DatasetError(f"dataset.sequence is {sequence!r}, wanted one of {', '.join(SEQUENCES)}")
     return existing(
-        folder / "garg" / f"{sequence}.mat",
-        "its authors give it out on request, and no generated data takes its place",
+        folder / "garg" / f"{sequence}.mat", "its authors give it out on request, and no generated data takes its place"
     )
 
 

@@ -51,14 +51,7 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
 
 
 def load_scene(folder: Path, scene: str) -> Scene:
-    """Read one scene.
-
-    Parameters
-    ----------
-    folder : Path
-        The data folder, which holds ``hopkins155/``.
-    scene : str
-        One of :data:`SCENES`.
+    """Read one of :data:`SCENES`.
 
     Returns
     -------

@@ -28,18 +28,11 @@ from nrsfm.datasets.scene import Scene
 class Recording:
     """File, size and layout of a sequence.
 
-    Parameters
-    ----------
-    file : str
-    n_frames, n_points : int
-    layout : {"interleaved", "blocks"}
-        Field S (3F, P) with rows x, y, z for each frame; or field P3_gt (3F, P) with F rows of x, then of y, then of z.
-    registered : {"stored", "procrustes", "cameras"}
-        How the body's own rotation is removed: it is removed in the file, by Procrustes analysis, or in a second file
-        that holds the registered shape.
-    camera : str
-        The camera of the published reconstructions: ``Rs``, the field with a camera for each frame, or the two axes of
-        a fixed camera's image.
+    ``layout`` is ``interleaved``, field S (3F, P) with rows x, y, z for each frame; or ``blocks``, field P3_gt (3F, P)
+    with F rows of x, then of y, then of z. ``registered`` is how the body's own rotation is removed: in the file
+    (``stored``), by Procrustes analysis (``procrustes``), or in a second file that holds the registered shape
+    (``cameras``). ``camera`` is that of the published reconstructions: ``Rs``, the field with a camera for each frame,
+    or the two axes of a fixed camera's image.
     """
 
     file: str

@@ -122,15 +122,7 @@ def bodies(
     person, a smaller one an object. A name without a set is an object, unless there is no set at all. Then 15 names or
     more are one person, and in a file of virtual markers, ``*_vm.c3d``, every 15 are one person.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for its name and for errors.
-    labels : sequence of str
-    persons : sequence of str, optional
-        Sets that are people.
-    others : {"none", "objects", "all"}
-        As in :func:`load_c3d`.
+    ``persons`` and ``others`` are those of :func:`load_c3d`; ``path`` names the file in errors.
 
     Raises
     ------

@@ -14,27 +14,13 @@ from nrsfm.datasets.errors import DatasetError, check_whole, is_number
 
 @dataclass(frozen=True)
 class Thinning:
-    """Choice of the frames and markers of a take.
+    """Choice of the frames and markers of a take."""
 
-    Parameters
-    ----------
-    video_rate : float or None
-        Frames a second of the video, to which the markers are thinned; None keeps the markers' own rate.
-    span : [first, last] or None
-        Frames of that rate, counted from 0, the last one excluded; None takes all.
-    stride : int or None
-        Every stride-th of those is kept; None takes the smallest stride that leaves at most ``most`` frames.
-    most : int
-        Number of frames at most.
-    least_seen : float
-        Markers seen in a smaller share of the kept frames, or never, are left out.
-    """
-
-    video_rate: float | None = None
-    span: Sequence[int] | None = None
-    stride: int | None = None
-    most: int = 400
-    least_seen: float = 0.5
+    video_rate: float | None = None  # frames a second, to which the markers are thinned; None keeps their own rate
+    span: Sequence[int] | None = None  # [first, last) in frames of that rate, counted from 0; None takes all
+    stride: int | None = None  # None takes the smallest stride that leaves at most ``most`` frames
+    most: int = 400  # number of frames at most
+    least_seen: float = 0.5  # markers seen in a smaller share of the kept frames, or never, are left out
 
     def __post_init__(self) -> None:
         for name, value in (("video_rate", self.video_rate), ("least_seen", self.least_seen)):

@@ -52,12 +52,7 @@ def load_tracks(path: Path, name: str | None = None) -> Scene:
     can place them. Tracks are centred per frame. A true structure is scaled to the units of the tracks. The scene's
     ``notes`` list these changes.
 
-    Parameters
-    ----------
-    path : Path
-        ``.npz``, ``.mat``, ``.csv`` or ``.c3d``.
-    name : str, optional
-        Scene name; by default made from the file's name.
+    The scene's name is by default made from the file's.
 
     Raises
     ------

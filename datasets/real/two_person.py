@@ -41,12 +41,7 @@ def path(folder: Path, take: str) -> Path:
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """The two people of a take where they danced, without fingers, before one orbiting camera.
 
-    Parameters
-    ----------
-    settings : mapping
-        Those of ``conf/dataset/two_person.yaml``. Frames are counted after the first three.
-    folder : Path
-        The data folder, which holds ``two_person/``.
+    The settings are those of ``conf/dataset/two_person.yaml``. Frames are counted after the first three.
 
     Raises
     ------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import shutil
 import socket
 import sqlite3
@@ -15,6 +13,8 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote, urlsplit
+
+import psutil
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.public import catalogue as sources
@@ -44,35 +44,25 @@ def threads(settings: Settings) -> Iterator[Finding]:
         f"{n_cores} {plural('core', n_cores)}, {blas or 'a BLAS that cannot be told'}; "
         f"{workers} {plural('trial', workers)} side by side, {each}"
     )
+    state, remedy = OK, ""
     if not blas:
-        yield Finding(
-            "threads", NOTE, text, "its threads cannot be limited: set OMP_NUM_THREADS=1 before the harness starts"
-        )
+        state, remedy = NOTE, "its threads cannot be limited: set OMP_NUM_THREADS=1 before the harness starts"
     elif workers * settings.threads > n_cores:
-        fitting = max(n_cores // settings.threads, 1)
-        remedy = f"workers={fitting}" if settings.threads <= n_cores else "threads=1"
-        yield Finding(
-            "threads", NOTE, f"{text}: more than there are cores, which may be many times slower", f"take {remedy}"
-        )
-    else:
-        yield Finding("threads", OK, text)
+        state, text = NOTE, f"{text}: more than there are cores, which may be many times slower"
+        remedy = f"take workers={n_cores // settings.threads}" if settings.threads <= n_cores else "take threads=1"
+    yield Finding("threads", state, text, remedy)
 
 
 def memory(settings: Settings) -> Iterator[Finding]:
     """The machine's memory beside what the trials may take."""
     total, free = _memory_gb()
-    if total is None:
-        yield Finding("memory", NOTE, "cannot be told on this system")
-        return
-    text = f"{total:.1f} GB" + ("" if free is None else f", {free:.1f} GB of it free")
+    text = f"{total:.1f} GB, {free:.1f} GB of it free"
+    state, remedy, limit = OK, "", f"; a trial may take {settings.memory_gb:g} GB"
     if settings.memory_gb > total:
-        yield Finding(
-            "memory", NOTE, f"{text}; a trial may take {settings.memory_gb:g} GB", f"take limits.memory_gb={total:.0f}"
-        )
-    elif free is not None and free < 1:
-        yield Finding("memory", NOTE, text, "end other programs, or take workers=1")
-    else:
-        yield Finding("memory", OK, f"{text}; a trial may take {settings.memory_gb:g} GB")
+        state, remedy = NOTE, f"take limits.memory_gb={total:.0f}"
+    elif free < 1:
+        state, remedy, limit = NOTE, "end other programs, or take workers=1", ""
+    yield Finding("memory", state, text + limit, remedy)
 
 
 def output(settings: Settings) -> Iterator[Finding]:
@@ -89,12 +79,12 @@ def output(settings: Settings) -> Iterator[Finding]:
         yield Finding("output", PROBLEM, f"{there}: {error.strerror}", "name another folder with NRSFM_OUTPUT")
         return
     text += f"; {free / GB:.1f} GB free"
+    state, remedy = OK, ""
     if free < LEAST:
-        yield Finding("output", PROBLEM, text, "make room, or name another folder with NRSFM_OUTPUT")
+        state, remedy = PROBLEM, "make room, or name another folder with NRSFM_OUTPUT"
     elif free < SCARCE_GB * GB:
-        yield Finding("output", NOTE, text, "make room before a long sweep")
-    else:
-        yield Finding("output", OK, text)
+        state, remedy = NOTE, "make room before a long sweep"
+    yield Finding("output", state, text, remedy)
 
 
 def store(settings: Settings) -> Iterator[Finding]:
@@ -139,16 +129,14 @@ def data(settings: Settings) -> Iterator[Finding]:
         states = Counter(state for file, state in found if file.group == group)
         right, changed = states[sources.PRESENT], states[sources.CHANGED]
         text = f"{group}: {right} of {states.total()} files, verified"
+        state, remedy = NOTE, f"nrsfm data get {group}"
         if changed:
-            yield Finding("data", PROBLEM, f"{group}: {changed} damaged or other files", f"nrsfm data get {group}")
+            state, text = PROBLEM, f"{group}: {changed} damaged or other files"
         elif right == states.total():
-            yield Finding("data", OK, text)
-        elif right:
-            yield Finding("data", NOTE, text, f"nrsfm data get {group}")
-        else:
-            yield Finding(
-                "data", NOTE, f"{group}: none of {states.total()} files in {folder}", f"nrsfm data get {group}"
-            )
+            state, remedy = OK, ""
+        elif not right:
+            text = f"{group}: none of {states.total()} files in {folder}"
+        yield Finding("data", state, text, remedy)
     known = {file.group for file, _ in found}
     for place in sorted(folder.iterdir()) if folder.is_dir() else ():
         if place.is_dir() and place.name not in known:
@@ -177,13 +165,8 @@ def trial(settings: Settings) -> Iterator[Finding]:
             own = replace(settings, output=Path(other), sweep="", seconds=60.0, memory_gb=4.0)
             outcome, _ = execute(asked, own)
     except Exception as error:  # whatever a system forbids
-        said = " ".join(str(error).split())
-        yield Finding(
-            "trial",
-            PROBLEM,
-            f"cannot be isolated: {type(error).__name__}: {said}",
-            "see whether processes may be forked here",
-        )
+        reason = f"cannot be isolated: {type(error).__name__}: {' '.join(str(error).split())}"
+        yield Finding("trial", PROBLEM, reason, "see whether processes may be forked here")
         return
     text = f"{asked.title} in a process of its own: {outcome.status}"
     if outcome.status == DONE:
@@ -217,16 +200,10 @@ def _reached(uri: str) -> str:
     return "a server"
 
 
-def _memory_gb() -> tuple[float | None, float | None]:
-    """All of this machine's, or this container's, memory and what of it is free, in GB; None where unknown."""
-    try:
-        known = dict(re.findall(r"^(\w+):\s+(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE))
-        total, free = int(known["MemTotal"]) / 2**20, int(known["MemAvailable"]) / 2**20
-    except (OSError, KeyError):
-        try:
-            return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / GB, None
-        except (ValueError, OSError):
-            return None, None
+def _memory_gb() -> tuple[float, float]:
+    """All of this machine's, or this container's, memory and what of it is free, in GB."""
+    machine = psutil.virtual_memory()
+    total, free = machine.total / GB, machine.available / GB
     for limit, used in (
         ("memory.max", "memory.current"),
         ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),

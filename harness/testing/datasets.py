@@ -34,15 +34,7 @@ print(digest(settings, Path(folder)))
 
 
 class Subject:
-    """A dataset under test.
-
-    Parameters
-    ----------
-    settings : mapping
-        Of the ``dataset`` group, as :func:`nrsfm.datasets.registry.load_scene` takes them.
-    folder : Path
-        The data folder.
-    """
+    """A dataset under test: settings and data folder as :func:`nrsfm.datasets.registry.load_scene` takes them."""
 
     def __init__(self, settings: Mapping[str, Any], folder: Path) -> None:
         self.settings = settings

@@ -15,7 +15,7 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import n_wrong
 from nrsfm.harness.evaluate.reconstruct import check as check_parts
-from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
+from nrsfm.methods.base import Method, MethodError, Observations, Reconstruction
 
 #: Largest mean of a frame of the structure, relative to the structure's size.
 CENTRED = 1e-4
@@ -26,12 +26,7 @@ CLOSE = 1e-3
 
 
 class Subject:
-    """A method under test, its scene, and its reconstruction of the scene.
-
-    Parameters
-    ----------
-    method : Method
-    """
+    """A method under test, its scene, and its reconstruction of the scene."""
 
     def __init__(self, method: Method) -> None:
         self.method = method
@@ -221,12 +216,8 @@ def _same(subject: Subject, one: Reconstruction, other: Reconstruction, toleranc
         wrong = n_wrong(other.labels, one.labels)
         assert wrong == 0, f"{name}: {what}: {wrong} of {len(one.labels)} tracks change their body; seed what is drawn"
     if one.structure is not None and other.structure is not None:
-        off = _distance(one.structure, other.structure)
+        off = np.linalg.norm(one.structure - other.structure) / np.linalg.norm(one.structure)
         assert off <= tolerance, f"{name}: {what}: the structure changes by {off:.1e} of its size"
-
-
-def _distance(one: Array, other: Array) -> float:
-    return float(np.linalg.norm(one - other) / np.linalg.norm(one))
 
 
 def _refused(subject: Subject, what: str, **changes: Any) -> None:
