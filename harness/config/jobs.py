@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from functools import cache
 from typing import Any, cast
@@ -48,10 +50,8 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
             merged = {_top(o) for o in others if not _is_value(o)}  # these keys want Hydra, in the order given
             words = [str(o.input_line) for o in others]
             alike = (*choices, *(str(o.input_line) if _top(o) in merged else o.key_or_group for o in others))
-            cfg = composed.setdefault(alike, _Composed(choices, words)).config(choices)
-            for o in (o for o in others if _top(o) not in merged):
-                OmegaConf.update(cfg, o.key_or_group, o.value())
-            yield resolved(cfg)
+            values = [o for o in others if _top(o) not in merged]
+            yield composed.setdefault(alike, _Composed(choices, words)).plain(choices, values)
 
 
 class _Composed:
@@ -60,10 +60,27 @@ class _Composed:
     def __init__(self, first: Mapping[str, str], words: Sequence[str]) -> None:
         self._first, self._words = first, words
         self._made: dict[tuple[str, ...], tuple[DictConfig, dict[str, Any]]] = {}
+        self._fixed: dict[tuple[str, ...], dict[str, Any]] = {}
 
-    def config(self, choices: Mapping[str, str]) -> DictConfig:
-        """The configuration of choices by group; callers share it and set its values."""
-        return self._compose(choices)[0]
+    def plain(self, choices: Mapping[str, str], values: Sequence[Override]) -> dict[str, Any]:
+        """The resolved configuration of choices by group and of values; only sections that can change are resolved."""
+        cfg, written = self._compose(choices)
+        for o in values:
+            OmegaConf.update(cfg, o.key_or_group, o.value())
+        words, keys = tuple(choices.values()), {part for o in values for part in o.key_or_group.split(".")}
+        simple = "tracking" not in keys and not any(re.search(r"\$|\?{3}", str(o.value())) for o in values)
+        if simple and words in self._fixed:
+            fixed = self._fixed[words]
+            with suppress(OmegaConfBaseException):  # resolved() explains it
+                return {**fixed, **{str(key): _section(cfg[key]) for key in cfg if key not in fixed}}
+        plain = resolved(cfg)
+        changing = {_top(o) for o in values}
+        interpolated = {key: str(section) for key, section in written.items() if "${" in str(section)}
+        text = " ".join(interpolated.values())
+        if keys.intersection(re.findall(r"\w+", text)) or re.search(r"\$\{[^}]*\$\{", text):
+            changing |= interpolated.keys()
+        self._fixed[words] = {key: section for key, section in plain.items() if key not in changing}
+        return plain
 
     def _compose(self, choices: Mapping[str, str]) -> tuple[DictConfig, dict[str, Any]]:
         """A configuration, and as it was written before any value was set."""
@@ -110,6 +127,11 @@ def resolved(cfg: DictConfig) -> dict[str, Any]:
             raise UsageError(f"{group} holds oc.env: a trial's record would publish it; write the value itself")
     check_address(str(written["tracking"]["uri"]), str(plain["tracking"]["uri"]))
     return plain
+
+
+def _section(value: Any) -> Any:
+    is_config = OmegaConf.is_config(value)
+    return OmegaConf.to_container(value, resolve=True, throw_on_missing=True) if is_config else value
 
 
 def _written(cfg: DictConfig) -> dict[str, Any]:
