@@ -12,7 +12,7 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction, stage
+from nrsfm.methods.base import Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.structure.rotation import estimate_cameras
 
@@ -51,24 +51,19 @@ def reconstruct(
         raise UsageError(reason)
     base.check_gap_handling(method, scene.visible)
     R = None
-    if method.uses_cameras:
-        if cameras["source"] != "known":
-            stage(progress, "cameras")
-        R = _cameras(scene, cameras)
+    if method.uses_cameras and cameras["source"] == "known":
+        R = scene.cameras
+        if R is None:
+            raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
+    elif method.uses_cameras:
+        stage(progress, "cameras")
+        options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
+        R = estimate_cameras(complete(scene.tracks, scene.visible), **options)
     stage(progress, "method")
     observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
     reconstruction = method.reconstruct(observations, n_bodies)
     check(reconstruction, method.provides, scene.tracks.shape)
     return reconstruction
-
-
-def _cameras(scene: Scene, settings: Mapping[str, Any]) -> Array:
-    if settings["source"] != "known":
-        options = {name: settings[name] for name in ("rank", "start", "refine") if name in settings}
-        return estimate_cameras(complete(scene.tracks, scene.visible), **options)
-    if scene.cameras is None:
-        raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    return scene.cameras
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:

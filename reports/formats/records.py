@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from nrsfm.reports.tables.model import Column, Row, Table
+from nrsfm.reports.tables.model import Row, Table
 
 SCHEMA = 3
 
@@ -73,7 +73,7 @@ def _data(table: Table) -> dict[str, Any]:
         "caption": table.caption,
         "summary": table.summary,
         "notes": [asdict(note) for note in table.notes],
-        "columns": [_column(column) for column in table.columns],
+        "columns": [asdict(c) | {"metric": {name: getattr(c.metric, name) for name in METRIC}} for c in table.columns],
         "rows": [_row(row) for row in table.rows],
         "cells": list(records(table)),
         "means": [_row(row) | {"cells": [asdict(cell) for cell in row.cells]} for row in table.means],
@@ -81,10 +81,6 @@ def _data(table: Table) -> dict[str, Any]:
         "study": table.study,
         "tests": [asdict(test) for test in table.tests],
     }
-
-
-def _column(column: Column) -> dict[str, Any]:
-    return asdict(column) | {"metric": {name: getattr(column.metric, name) for name in METRIC}}
 
 
 def _row(row: Row) -> dict[str, Any]:

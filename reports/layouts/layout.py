@@ -92,11 +92,6 @@ class Layout:
         """The paper's rows in its order."""
         return tuple(self.pools) or (published.datasets(self.source) if self.source else ())
 
-    @property
-    def column_settings(self) -> frozenset[str]:
-        """The settings in which columns differ; rows do not differ in them."""
-        return frozenset(path for method in self.methods for path in method.where)
-
     def method(self, settings: Mapping[str, Any]) -> Method:
         """The column of a trial with these settings; a new column for a method that the layout does not have."""
         for method in self.methods:

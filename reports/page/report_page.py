@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from nrsfm.harness.record.tracked import Fetch, Tracked
 from nrsfm.reports.claims.findings import Judged
@@ -31,6 +30,7 @@ def page(
         If plotly is not installed.
     """
     data, blobs = details(runs.values(), fetch, _viewed(tables))
+    environments = (", ".join(f"{k} {v}" for k, v in run.get("versions", {}).items()) for run in data.values())
     return render_page(
         "report",
         {"runs": data, "charts": {chart.name: chart.data(blobs) for chart in charts}},
@@ -39,7 +39,7 @@ def page(
         charts=charts,
         judged=judged,
         totals=totals(tables),
-        versions=_versions(data.values()),
+        versions=sorted(Counter(environments).items()),
     )
 
 
@@ -54,9 +54,3 @@ def _viewed(tables: Sequence[Table]) -> list[str]:
     """The first run of each cell: its repeats differ by a noise draw alone."""
     cells = [cell for table in tables for layer in table.layers for _, _, cell in layer.cells()]
     return [cell.runs[0].trial_key for cell in cells if cell.runs]
-
-
-def _versions(runs: Iterable[Mapping[str, Any]]) -> list[tuple[str, int]]:
-    """Each environment as text, and the number of runs that were computed in it."""
-    environments = (", ".join(f"{k} {v}" for k, v in run.get("versions", {}).items()) for run in runs)
-    return sorted(Counter(environments).items())

@@ -85,9 +85,9 @@ def _stand_in(run: Tracked | None) -> bool | None:
 
 def _place(trial: Trial, design: Layout) -> Place:
     """The dataset and the setting of a trial, without the settings in which columns differ."""
-    cameras = one_line(trial.cameras.get("source", "known"))
+    by_column = any("cameras.source" in method.where for method in design.methods)
     return one_line(trial.dataset["name"]), Setting(
-        cameras="" if "cameras.source" in design.column_settings else cameras,
+        cameras="" if by_column else one_line(trial.cameras.get("source", "known")),
         placement=setting_text(trial.dataset.get("placement", "")),
         motion=setting_text(trial.dataset.get("motion", "")),
         scene=scene_words(trial.dataset),

@@ -10,7 +10,6 @@ from nrsfm.harness.record.environment import COMPUTES, MACHINE, STATE
 from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
 from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
-from nrsfm.harness.record.trial import Trial
 from nrsfm.reports.layouts.layout import Layout
 from nrsfm.reports.layouts.metrics import TableMetric
 from nrsfm.reports.tables.grid import Grid
@@ -52,7 +51,9 @@ def _warnings(design: Layout, columns: tuple[Column, ...], rows: tuple[Row, ...]
     yield from _environments({outcome.key: outcome for outcome in runs if outcome.status == OK})
     alike: dict[str, list[str]] = {}
     for method, label in dict.fromkeys((column.method, column.label) for column in columns):
-        if differences := _differing([(row.label, _flat(t.method)) for row, t in _trials(rows, answers, method)]):
+        places = zip(rows, answers.rows.values(), strict=True)  # rows are in the order of the grid
+        groups = [(row.label, _flat(trial.method)) for row, cells in places for trial, _ in cells.get(method, [])]
+        if differences := _differing(groups):
             alike.setdefault("; ".join(differences), []).append(label)
     for settings, labels in alike.items():
         yield Note(f"{'; '.join(labels)}: NOT ONE SETTING FOR ALL ROWS: {settings}.", loud=True)
@@ -122,13 +123,6 @@ def _flat(group: Mapping[str, Any]) -> dict[str, str]:
         for path, value in flatten(group).items()
         if not (name := path.rpartition(".")[2]).startswith("_") and name not in NOT_SETTINGS
     }
-
-
-def _trials(rows: tuple[Row, ...], answers: Grid, method: str) -> Iterator[tuple[Row, Trial]]:
-    """The trials of a method with their rows; the rows of a table are in the order of the grid."""
-    for row, cells in zip(rows, answers.rows.values(), strict=True):
-        for trial, _ in cells.get(method, []):
-            yield row, trial
 
 
 def _differing(groups: list[tuple[str, dict[str, str]]]) -> list[str]:
