@@ -56,10 +56,9 @@ class Naughty(Method):
             print("the method speaks")
             os.write(2, b"and a library of its grumbles")
             progress(3, 7, {"gap": 0.5})
-            time.sleep(1.5)
         if self.how == "slow":
             time.sleep(1.0)
-        while self.how == "gate" and not os.path.exists(os.path.join(os.environ["NRSFM_OUTPUT"], "gate")):
+        while self.how in ("gate", "talk") and not os.path.exists(os.path.join(os.environ["NRSFM_OUTPUT"], "gate")):
             time.sleep(0.05)
         return Reconstruction(labels=np.arange(tracks.shape[2]) % n_bodies)
 '''
