@@ -55,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
 
 def measured(request: Request) -> list[Outcome]:
     """The outcomes that the tracker has for the trials of a request."""
-    from nrsfm.harness.tracking.runs import answers
+    from nrsfm.harness.tracking.trial_runs import answers
 
     pairs, _ = answers(request)
     absent = sum(run is None for _, run in pairs)

@@ -69,7 +69,7 @@ def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report,
     """
     from nrsfm.harness.config.compose import configurations
     from nrsfm.harness.config.spans import Request
-    from nrsfm.harness.tracking.runs import Arrays, Runs, answers
+    from nrsfm.harness.tracking.trial_runs import Arrays, Runs, answers
     from nrsfm.reports.claims import claims
     from nrsfm.reports.report import Report
 

@@ -34,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
         return _show(options)
     from nrsfm.harness.record.outcome import OK
     from nrsfm.harness.record.text import printable
-    from nrsfm.harness.tracking.writer import prepare
+    from nrsfm.harness.tracking.writer_process import prepare
     from nrsfm.harness.trial.isolation import start_server
 
     start_server()  # libraries load while the configurations are composed

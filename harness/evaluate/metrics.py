@@ -1,4 +1,4 @@
-"""All metrics: the function that computes each, and :data:`METRICS`, the table of their entries.
+"""Computes all metrics. :data:`METRICS` lists them, each with its function, its label and its definition.
 
 Points count whether they were observed or not, where their true place is known; places that are NaN do not count.
 A new metric is a function and an entry here: tables, documents and summaries read the entries.
@@ -16,7 +16,7 @@ from nrsfm.datasets.body import centre, observed
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.alignment import centre_bodies, polar_factor, procrustes
 from nrsfm.harness.evaluate.matching import matched
-from nrsfm.harness.evaluate.metric import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
+from nrsfm.harness.evaluate.metric_type import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
 from nrsfm.methods.base import Array, Labels, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 from nrsfm.methods.numerics.linear import axes

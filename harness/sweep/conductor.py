@@ -51,7 +51,7 @@ class Sweep:
 
 
 def conduct(request: Request, writer: Connection) -> Sweep:
-    """Run every trial of a request that is not done; ``writer`` is :func:`nrsfm.harness.tracking.writer.prepare`'s.
+    """Run every trial of a request that is not done; ``writer`` is the tracker's process, from ``prepare()``.
 
     Raises UsageError if the launcher cannot be used: nothing has run then.
     """

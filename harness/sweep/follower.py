@@ -15,7 +15,7 @@ from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.sweep.display import Display
 from nrsfm.harness.tracking.tracker import Tracker
-from nrsfm.harness.tracking.writer import Writer
+from nrsfm.harness.tracking.writer_process import Writer
 from nrsfm.harness.trial.journal import Entry, entries, journal
 from nrsfm.harness.trial.progress import steps
 

@@ -10,7 +10,7 @@ import pandas as pd
 from nrsfm.harness.config.spans import expand
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.tracking.runs import Runs
+from nrsfm.harness.tracking.trial_runs import Runs
 from nrsfm.harness.trial.identity import identify
 
 MISSING = "missing"
@@ -35,9 +35,8 @@ def results(output: str | Path = "outputs", experiment: str | None = None) -> pd
     Returns
     -------
     DataFrame
-        Columns ``dataset, method, cameras, placement, motion, level, gaps, repeat, stand_in, n_bodies, n_points,
-        n_frames``; a column for each metric, NaN where it does not apply; ``seconds, cpu_seconds, peak_mb, status,
-        error, sweep, finished, key``. ``finished`` is a time in UTC.
+        The columns of :data:`BEFORE`; one for each metric, NaN where it does not apply; and those of :data:`AFTER`.
+        ``finished`` is a time in UTC.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""An MLflow store of trials. It is a copy: 'nrsfm sync' rebuilds it from the records in the trial folders."""
+"""Writes trials as runs of MLflow, and reads them. The store is a copy: 'nrsfm sync' rebuilds it from the records."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nrsfm.harness.record.folder import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED,
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.tracking.errors import explain
-from nrsfm.harness.tracking.fields import curve_points, parameters, record_tags, record_text, tags
+from nrsfm.harness.tracking.mlflow_fields import curve_points, parameters, record_tags, record_text, tags
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

@@ -8,7 +8,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from nrsfm.harness.record.text import count, number
-from nrsfm.reports.layouts.metrics import TableMetric
+from nrsfm.reports.layouts.table_metrics import TableMetric
 from nrsfm.reports.tables.model import LEGEND, Cell, Table, Verdict
 
 WIDTH = 120

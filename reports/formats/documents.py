@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 
 from nrsfm.harness.record import text
 from nrsfm.reports.formats.records import csv_text, json_text
-from nrsfm.reports.layouts.metrics import TableMetric
+from nrsfm.reports.layouts.table_metrics import TableMetric
 from nrsfm.reports.tables.model import LEGEND, Cell, Column, Row, Table, Verdict
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts import published
-from nrsfm.reports.layouts.metrics import E_3D, E_MS, TableMetric
+from nrsfm.reports.layouts.table_metrics import E_3D, E_MS, TableMetric
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The tables of the papers, as data: Tables 1 to 4, and the scenes and datasets that the papers report besides."""
+"""Tables 1 to 4 of the paper, and the tables of its further scenes and datasets, as data."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from nrsfm.datasets.real import hopkins
 from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, columns
-from nrsfm.reports.layouts.metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
 from nrsfm.reports.layouts.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
+from nrsfm.reports.layouts.table_metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
 
 #: Scenes of the eight motion-capture sequences by their number of bodies.
 BODIES = {

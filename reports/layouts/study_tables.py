@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from nrsfm.reports.layouts import metrics, notes, published
+from nrsfm.reports.layouts import notes, published
+from nrsfm.reports.layouts import table_metrics as metrics
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, SameAs, columns
 from nrsfm.reports.layouts.paper_tables import BODIES, HOPKINS
 

@@ -18,7 +18,7 @@ from nrsfm.reports.layouts.baseline import wrong_tracks
 from nrsfm.reports.layouts.index import layout
 from nrsfm.reports.layouts.labels import method_label
 from nrsfm.reports.layouts.layout import Layout, Method
-from nrsfm.reports.layouts.metrics import DISTANCES, MEANS, TableMetric
+from nrsfm.reports.layouts.table_metrics import DISTANCES, MEANS, TableMetric
 from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
 from nrsfm.reports.tables.model import Cell, Column, Row, Run, Setting, Table, Verdict
 from nrsfm.reports.tables.remarks import remarks

@@ -9,7 +9,7 @@ from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
 from nrsfm.harness.record.text import DIGITS, one_line
-from nrsfm.reports.layouts.metrics import TableMetric
+from nrsfm.reports.layouts.table_metrics import TableMetric
 
 
 class Verdict(StrEnum):

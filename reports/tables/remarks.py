@@ -11,7 +11,7 @@ from nrsfm.harness.record.outcome import ABSENT, OK, Outcome
 from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts.layout import Layout
-from nrsfm.reports.layouts.metrics import TableMetric
+from nrsfm.reports.layouts.table_metrics import TableMetric
 from nrsfm.reports.tables.grid import Grid
 from nrsfm.reports.tables.model import Column, Note, Row
 

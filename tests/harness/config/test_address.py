@@ -15,7 +15,7 @@ import pytest
 
 from nrsfm.harness.config.address import PASSWORD, USER, shown, split
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.tracking import writer
+from nrsfm.harness.tracking import writer_process as writer
 from nrsfm.harness.tracking.errors import explain
 from nrsfm.harness.tracking.tracker import Tracker
 from tests.shell import TINY, Shell, records

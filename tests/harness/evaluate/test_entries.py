@@ -7,7 +7,7 @@ import pytest
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
-from nrsfm.harness.evaluate.metric import Metric, needed
+from nrsfm.harness.evaluate.metric_type import Metric, needed
 from nrsfm.methods.base import Reconstruction
 from tests.shell import ROOT
 

@@ -15,7 +15,7 @@ from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
 from nrsfm.harness.evaluate.alignment import align_polar, align_procrustes
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.methods.base import Reconstruction
 
 

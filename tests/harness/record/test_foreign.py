@@ -16,7 +16,7 @@ from nrsfm.harness.record.folder import read_arrays, read_record
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.sweep.work import Work
-from nrsfm.harness.tracking.runs import Arrays
+from nrsfm.harness.tracking.trial_runs import Arrays
 from nrsfm.harness.trial.journal import Entry, entries
 from nrsfm.harness.trial.progress import steps
 from tests.fuzz import files

@@ -14,8 +14,8 @@ from nrsfm.harness.config.spans import Request, expand
 from nrsfm.harness.evaluate.metrics import affinity_between
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.sweep.plan import plan
-from nrsfm.harness.tracking.runs import answers
 from nrsfm.harness.tracking.tracker import Tracker
+from nrsfm.harness.tracking.trial_runs import answers
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.progress import Reporter, forget, place, steps
 from nrsfm.reports.tables.build import build

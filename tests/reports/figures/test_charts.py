@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.reports.figures.affinity import picture
 from nrsfm.reports.figures.chart import Chart

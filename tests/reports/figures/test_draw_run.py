@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.matching import matched
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.reports.figures.affinity import binned

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.reports.figures.scaling_chart import scaling
 from tests.reports.conftest import make_answer
 

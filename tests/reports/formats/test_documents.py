@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.harness.record.trial import Trial
 from nrsfm.reports.claims.claims import judge
 from nrsfm.reports.claims.findings import Evidence

@@ -15,7 +15,7 @@ import pytest
 
 from nrsfm.datasets.real import hopkins
 from nrsfm.harness.config.spans import expand
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.record.trial import Trial
 from nrsfm.reports.formats import documents as writers
@@ -24,7 +24,7 @@ from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.baseline import wrong_tracks
 from nrsfm.reports.layouts.index import LAYOUTS
 from nrsfm.reports.layouts.layout import Layout, Method, Pool
-from nrsfm.reports.layouts.metrics import E_MS, MEAN, MEDIAN
+from nrsfm.reports.layouts.table_metrics import E_MS, MEAN, MEDIAN
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Table, Verdict
 from tests.reports.conftest import POINTS, MakeAnswer

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.reports.report import Report
 from tests.reports.conftest import Shown, full, make_answer
 

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metric import needed
+from nrsfm.harness.evaluate.metric_type import needed
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.reports.figures.page_data import Blobs

@@ -16,7 +16,7 @@ from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.baseline import wrong_tracks
 from nrsfm.reports.layouts.index import LAYOUTS
 from nrsfm.reports.layouts.layout import Layout, Method
-from nrsfm.reports.layouts.metrics import E_3D, E_MS
+from nrsfm.reports.layouts.table_metrics import E_3D, E_MS
 from nrsfm.reports.tables.build import build
 from nrsfm.reports.tables.model import Cell, Table, Verdict
 from tests.reports.conftest import Answers, MakeAnswer

@@ -1,4 +1,4 @@
-"""The trials of an experiment, the records that answer them, and their arrays."""
+"""Finds the finished run of each trial of an experiment, and the arrays that it left."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from nrsfm.harness.evaluate.metric import Metric
+from nrsfm.harness.evaluate.metric_type import Metric
 from nrsfm.harness.evaluate.metrics import BY_NAME
 from nrsfm.harness.record.text import DIGITS
 
