@@ -85,7 +85,7 @@ def stand_in(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return wheel
 
 
-@pytest.mark.parametrize("kind", ["wheel", "editable"])
+@pytest.mark.parametrize("kind", ["wheel", pytest.param("editable", marks=pytest.mark.slow)])
 def test_it_is_installed_beside_datasets(kind: str, built: Path, stand_in: Path, tmp_path: Path) -> None:
     """In both orders; and what remains works when either is uninstalled."""
     (wheel,) = built.glob("*.whl")

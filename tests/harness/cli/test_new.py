@@ -53,6 +53,7 @@ def run(root: Path, *words: str, cwd: Path | None = None) -> subprocess.Complete
     return done
 
 
+@pytest.mark.slow
 def test_in_a_checkout_it_runs_at_once(checkout: Path) -> None:
     for kind, name in (("method", "nearest_neighbour"), ("dataset", "a_pair")):
         done = run(checkout, "nrsfm", "new", kind, name)

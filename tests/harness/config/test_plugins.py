@@ -206,6 +206,7 @@ def test_a_broken_configuration_is_one_line(nrsfm: Shell, package: Make, text: s
     assert nrsfm("plan", *TINY).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_constructor_that_fails_is_one_line(nrsfm: Shell, package: Make) -> None:
     code = GOOD + "    def __init__(self, n=1):\n        self.m = 1 / n\n"
     package(code, METHOD, **{"conf/method/halves.yaml": "name: halves\nalgorithm: halves\nn: 1\n"})

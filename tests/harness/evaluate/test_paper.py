@@ -59,7 +59,9 @@ def test_ssc_with_all_coefficients_fails_on_the_shark_as_published(data_folder: 
     assert measured(scene(data_folder, pair), "ssc2d_share70")["n_wrong"] == 0
 
 
-@pytest.mark.parametrize("pair", ["dance_yoga", "face_pickup", "stretch_yoga"])
+@pytest.mark.parametrize(
+    "pair", ["stretch_yoga", *(pytest.param(pair, marks=pytest.mark.slow) for pair in ("dance_yoga", "face_pickup"))]
+)
 def test_ours_does_not_need_the_papers_scene(data_folder: Path, pair: str) -> None:
     assert measured(scene(data_folder, pair, **NATIVE), "ours")["n_wrong"] == 0
     assert measured(scene(data_folder, pair, placement="intersecting"), "ours")["n_wrong"] == 0

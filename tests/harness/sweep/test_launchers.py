@@ -19,7 +19,12 @@ from tests.shell import ODD, Shell, open_gate, processes, records, started, trac
 RAY = pytest.mark.skipif(
     not importlib.util.find_spec("hydra_plugins.hydra_ray_launcher"), reason="the ray extra is absent"
 )
-LAUNCHERS = ["basic", "joblib", "submitit_local", pytest.param("ray", marks=[pytest.mark.slow, RAY])]
+LAUNCHERS = [
+    "basic",
+    pytest.param("joblib", marks=pytest.mark.slow),
+    pytest.param("submitit_local", marks=pytest.mark.slow),
+    pytest.param("ray", marks=[pytest.mark.slow, RAY]),
+]
 pytestmark = pytest.mark.timeout(1800)
 every_launcher = pytest.mark.parametrize("launcher", LAUNCHERS)
 
@@ -75,7 +80,7 @@ def test_a_killed_sweep_of_misbehaving_trials_is_finished_later(
         ("basic", signal.SIGINT),
         pytest.param("basic", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("joblib", signal.SIGINT, marks=pytest.mark.slow),
-        ("joblib", signal.SIGTERM),
+        pytest.param("joblib", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("submitit_local", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("submitit_local", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("ray", signal.SIGINT, marks=[pytest.mark.slow, RAY]),
@@ -120,9 +125,9 @@ def test_interrupt_while_everything_loads(environment: dict[str, str], tmp_path:
 @pytest.mark.parametrize(
     "launcher",
     [
-        "basic",
-        pytest.param("joblib", marks=pytest.mark.slow),
-        pytest.param("submitit_local", marks=pytest.mark.slow),
+        pytest.param("basic", marks=pytest.mark.slow),
+        "joblib",
+        "submitit_local",
         pytest.param("ray", marks=[pytest.mark.slow, RAY]),
     ],
 )

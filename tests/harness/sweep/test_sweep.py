@@ -30,7 +30,10 @@ def test_second_time_runs_nothing_and_says_so(nrsfm: Shell, tmp_path: Path) -> N
     assert len(tracked(tmp_path)) == 4
 
 
-@pytest.mark.parametrize("words", [["noise.level=0"], ["noise.level=0", "method=edsc"], ["method=edsc,ssc2d"]])
+@pytest.mark.parametrize(
+    "words",
+    [pytest.param(["noise.level=0"], marks=pytest.mark.slow), ["noise.level=0", "method=edsc"], ["method=edsc,ssc2d"]],
+)
 def test_an_experiment_can_be_narrowed(nrsfm: Shell, tmp_path: Path, words: list[str]) -> None:
     """Whatever the experiment sweeps itself, dotted keys too."""
     narrow = [*words, "dataset.points=8", "dataset.frames=12"]
@@ -153,6 +156,7 @@ def test_killed_trials_are_tried_again(shell: Shell, tmp_path: Path) -> None:
     assert (tmp_path / "out/tire").stat().st_size == 4
 
 
+@pytest.mark.slow
 def test_stale_records_are_renewed_when_asked(nrsfm: Shell, tmp_path: Path) -> None:
     words = ("run", "-m", *TINY, "noise.level=0,0.02")
     assert nrsfm(*words).returncode == 0
@@ -165,6 +169,7 @@ def test_stale_records_are_renewed_when_asked(nrsfm: Shell, tmp_path: Path) -> N
     assert "nothing to run, 2 done before" in nrsfm(*words, "rerun=stale").stdout
 
 
+@pytest.mark.slow
 def test_records_of_a_clock_ahead_are_renewed_like_any_other(nrsfm: Shell, tmp_path: Path) -> None:
     """A record is new if it is not the one that the sweep found; clocks differ between machines."""
     words = ("run", "-m", *TINY, "noise.level=0,0.02")
@@ -212,6 +217,7 @@ def test_store_whose_making_was_cut_short_is_made_anew(nrsfm: Shell, tmp_path: P
     assert len(tracked(tmp_path)) == 1
 
 
+@pytest.mark.slow
 def test_killed_rerun_keeps_the_record(shell: Shell, environment: dict[str, str], tmp_path: Path) -> None:
     words = ["run", *ODD, "+method.how=gate"]
     (tmp_path / "out").mkdir()
@@ -228,6 +234,7 @@ def test_killed_rerun_keeps_the_record(shell: Shell, environment: dict[str, str]
     assert records(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_sweep_of_a_name_used_before_counts_its_own(nrsfm: Shell) -> None:
     assert "2 trials: 2 run." in nrsfm("run", *TINY, "sweep=again", "dataset.seed=0,1").stdout
     second = nrsfm("run", *TINY, "sweep=again", "dataset.seed=1,2")
