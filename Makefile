@@ -5,6 +5,7 @@
 # make validate-tracking  of these, what a change to tracking, launching or isolation needs: servers, launchers, kills
 # make coverage the test suite with the branches that it covers, printed by module and as HTML in build/coverage
 # make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
+# make test-site  the documentation is built without a warning, and its links lead somewhere
 # make docs     the documentation as a site, in build/docs
 # make dist     the wheel and the source distribution, in dist/
 # make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
@@ -22,7 +23,7 @@ apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update -
   echo "cannot install $(1): what needs it is skipped" >&2
 TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
 
-.PHONY: help tables test check lint types contracts coverage test-server validate validate-tracking browser tex postgres \
+.PHONY: help tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres \
   bench fuzz docs dist hooks format clean
 
 help:
@@ -64,7 +65,7 @@ bench: $(INSTALLED)
 
 validate: $(INSTALLED) browser tex postgres
 	$(PIP) --editable '.[dev,docs,ray,server,umpm,mat73]'
-	$(BIN)/pytest -m 'slow or tex'
+	$(BIN)/pytest -m 'slow or tex or site'
 
 # By folder: every test, slow or not, of what starts, follows, kills and records trials.
 TRACKING := tests/harness/sweep tests/harness/tracking tests/harness/trial
@@ -77,6 +78,9 @@ test-server: $(INSTALLED) postgres
 	@$(BIN)/python -c 'import sys; from tests.harness.tracking.servers import postgres_folder as p; sys.exit(p() is None)' || \
 	  { echo "PostgreSQL's programs are missing: install them (Debian: apt-get install postgresql)" >&2; exit 1; }
 	$(BIN)/pytest -m postgres
+
+test-site: $(INSTALLED)
+	$(BIN)/pytest -n0 -m site tests/documents
 
 browser:
 	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \

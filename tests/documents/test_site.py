@@ -108,6 +108,7 @@ class Page(HTMLParser):
         self.names |= {str(given[key]) for key in ("id", "name") if given.get(key)}
 
 
+@pytest.mark.site
 def test_the_site_is_built_without_a_warning_and_stands_alone(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="the extra 'docs' is not installed")
     words = ("--quiet", "--fail-on-warning", "--keep-going", "--builder", "html", "--doctree-dir", tmp_path / "trees")

@@ -79,6 +79,7 @@ def path_of_example(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
 
 
+@pytest.mark.slow
 def test_the_example_is_listed_planned_and_swept(shell: Shell, path_of_example: dict[str, str]) -> None:
     path = path_of_example
     listed = shell("list", **path)

@@ -241,6 +241,7 @@ def test_sweep_of_a_name_used_before_counts_its_own(nrsfm: Shell) -> None:
     assert (second.returncode, "2 trials: 1 run, 1 done before." in second.stdout) == (0, True), second.stdout
 
 
+@pytest.mark.slow
 def test_sync_rebuilds_a_lost_tracker(shell: Shell, tmp_path: Path) -> None:
     assert shell("run", "-m", *TINY, "noise.level=0,0.02").returncode == 0
     before = [t.outcome for t in tracked(tmp_path)]

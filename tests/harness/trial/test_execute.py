@@ -189,7 +189,7 @@ def test_hopkins155_asks_for_every_scene() -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["experiment=table1"],
+        pytest.param(["experiment=table1"], marks=pytest.mark.slow),
         ["experiment=table1", "dataset.motion=native", "dataset.placement=[3,0,0]"],
         ["experiment=quick"],
         ["experiment=single_body"],
