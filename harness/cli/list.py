@@ -37,9 +37,9 @@ def main(argv: Sequence[str]) -> int:
 def command_line() -> Parser:
     parser = Parser(
         "nrsfm list",
-        "Methods, datasets and experiments, one line each. What installed packages bring is named with the package.",
+        "List methods, datasets and experiments, one line each. Those of installed packages have the package's name.",
         "nrsfm list\nnrsfm list methods\nnrsfm list experiments",
-        "What is wrong with an installed package goes to standard error, a line each.",
+        "Faults of installed packages go to standard error, one line each.",
     )
     parser.add_argument("what", nargs="?", choices=list(GROUPS), help="all, if left out")
     return parser

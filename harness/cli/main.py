@@ -1,4 +1,4 @@
-"""The command line: ``nrsfm VERB ...``. Thin: every verb lives in a module of its own."""
+"""The command ``nrsfm VERB ...``: calls the module of the verb, and turns errors into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nrsfm.harness.cli import verbs
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; returns its exit code. No error of the user's ends in a traceback."""
+    """Run one verb; returns its exit code. Errors of usage, data and files are one line, without a traceback."""
     if "_ARGCOMPLETE" in os.environ:
         from nrsfm.harness.cli.completion import Finder
 

@@ -8,6 +8,7 @@ from nrsfm.harness.cli.parser import Parser
 
 
 def main(argv: list[str]) -> int:
+    """Write the records; exit code 2 when some could not be written."""
     from nrsfm.harness.config.settings import settings_of
     from nrsfm.harness.record.text import printable
     from nrsfm.harness.tracking.tracker import Tracker
@@ -24,12 +25,12 @@ def main(argv: list[str]) -> int:
 def command_line() -> Parser:
     parser = Parser(
         "nrsfm sync",
-        "Bring every trial record into the tracker. For after it was away or lost, and for another one.",
+        "Write every trial record into the tracker: after it was out of reach or lost, or into another tracker.",
         """\
 nrsfm sync
 nrsfm sync output=elsewhere  # the trials of another folder, into its own store
 nrsfm sync tracking=server tracking.uri=http://127.0.0.1:5000  # into an MLflow server""",
-        "A trial's record in outputs/trials is the truth; the tracker can be rebuilt from it at any time.",
+        "The records in outputs/trials are the truth. The tracker can be rebuilt from them at any time.",
     )
     parser.add_overrides()
     return parser

@@ -9,20 +9,21 @@ from nrsfm.harness.cli.parser import Parser
 
 
 def main(argv: list[str]) -> int:
+    """Start the interface, or print the address of the server; returns the exit code of MLflow."""
     from nrsfm.harness.config.address import is_server
     from nrsfm.harness.config.settings import settings_of
     from nrsfm.harness.tracking.tracker import Tracker
 
-    given = command_line().read(argv)
-    settings = settings_of(given.overrides)
+    options = command_line().read(argv)
+    settings = settings_of(options.overrides)
     tracker = Tracker(settings.tracking_uri, settings.output)
     if is_server(tracker.uri):
         print(tracker.uri)
         return 0
-    _ = tracker.client
+    _ = tracker.client  # creates a store that is missing
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", tracker.uri]
-    command += ["--host", given.host, "--port", str(given.port)]
-    print(f"http://{given.host}:{given.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
+    command += ["--host", options.host, "--port", str(options.port)]
+    print(f"http://{options.host}:{options.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
     return subprocess.call(command)
 
 
@@ -34,9 +35,9 @@ def command_line() -> Parser:
 nrsfm ui
 nrsfm ui --port 5001 output=elsewhere
 nrsfm ui tracking=server tracking.uri=http://127.0.0.1:5000  # prints the server's address""",
-        "Without a server it runs until Ctrl-C, for this machine alone; --host lets others in.",
+        "Without a server it runs until Ctrl-C. Only this machine can open it; --host opens it to others.",
     )
-    parser.add_argument("--port", type=int, default=5000, help="of this machine; %(default)s by default")
+    parser.add_argument("--port", type=int, default=5000, help="port of this machine; %(default)s by default")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; %(default)s by default")
     parser.add_overrides()
     return parser

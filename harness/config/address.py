@@ -1,4 +1,4 @@
-"""A tracker's address, whose login is kept apart and never shown."""
+"""Addresses of trackers: checks them, and keeps logins out of everything that is printed or stored."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ USER, PASSWORD = "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"  # as ML
 SECRETS = (USER, PASSWORD, "MLFLOW_TRACKING_TOKEN", "MLFLOW_TRACKING_URI")
 _SERVER = re.compile(r"https?://[^/\s]+")
 _VARIABLE = r"\$\{oc\.env:\w+(,null)?\}"
-_UNTOLD = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):{_VARIABLE}@[^@]*")  # how a login may be written
+_LOGIN_BY_VARIABLE = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):{_VARIABLE}@[^@]*")
 
 
 def is_server(uri: str) -> bool:
-    """Whether an address is a server's and not a file's."""
+    """Whether an address is that of a server, not of a file."""
     return _SERVER.match(uri) is not None
 
 
 def check(written: str, uri: str) -> None:
-    """Refuse an address that no tracker has, and one whose login stands in it for everybody to read.
+    """Refuse an address that MLflow cannot use, and one that holds a login in plain text.
 
     Parameters
     ----------
     written, uri : str
-        As configured, ``${oc.env:...}`` and all, and as resolved.
+        The address as configured, with ``${oc.env:...}``, and as resolved.
 
     Raises
     ------
     UsageError
-        In words without the login.
+        If the address is refused. The message does not contain the login.
     """
-    if "@" in uri and is_server(uri) and not _UNTOLD.fullmatch(written):
+    if "@" in uri and is_server(uri) and not _LOGIN_BY_VARIABLE.fullmatch(written):
         raise UsageError(f"tracking.uri holds a login; leave it out and set {USER} and {PASSWORD} in the environment")
     if not (uri.startswith("sqlite:///") or is_server(uri)):
         raise UsageError(f"tracking.uri is {shown(uri)!r}, wanted sqlite:///FILE, or http://HOST:PORT of a server")
@@ -50,5 +50,5 @@ def split(uri: str) -> tuple[str, Mapping[str, str]]:
 
 
 def shown(text: str) -> str:
-    """A text, of one line or more, without the logins of its addresses."""
+    """The text with the logins removed from all addresses in it."""
     return re.sub(r"(?<=://)[^\n]*@", "", text)

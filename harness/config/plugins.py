@@ -1,8 +1,8 @@
-"""What installed packages bring: methods, sources of datasets, and configurations.
+"""Finds methods, datasets and configurations of installed packages by their entry points.
 
 A package declares entry points in the groups ``nrsfm.methods`` (``NAME = "package.module:Class"``) and
-``nrsfm.datasets`` (``NAME = "package.module"``). The ``conf`` folder beside such a module's top-level package
-joins the configuration, behind the harness's own; nothing of the package is imported for that.
+``nrsfm.datasets`` (``NAME = "package.module"``). The folder ``conf`` in the top-level package of such a module is
+added to Hydra's search path, after the harness's own. The package is not imported for that.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ def installed() -> list[EntryPoint]:
 
 
 def folders() -> dict[str, Path]:
-    """The folder of configurations of each package that has one, by the package's name; sorted by name."""
-    found: dict[str, Path] = {}
+    """The ``conf`` folder of each package that has one, by the name of the package, sorted."""
+    by_package: dict[str, Path] = {}
     for entry in sorted(installed(), key=package_of):
         top = top_of(entry)
-        spec = find_spec(top) if top.isidentifier() else None  # a top-level package is found, not imported
+        spec = find_spec(top) if top.isidentifier() else None  # finding a top-level package does not import it
         for place in (spec.submodule_search_locations or ()) if spec else ():
             if (Path(place) / "conf").is_dir():
-                found.setdefault(package_of(entry), Path(place) / "conf")
-    return found
+                by_package.setdefault(package_of(entry), Path(place) / "conf")
+    return by_package
 
 
 def choices(group: str) -> dict[str, tuple[str, str]]:
-    """Names of a configuration group, each with its file's first line of comment and the package it is from.
+    """The choices of a configuration group: name -> the first comment line of its file, and its package.
 
-    The package is "" for the harness's own. Of several files of one name, the first in the search path counts.
+    The package is "" for the harness itself. Of files of the same name, the first in the search path is used.
     """
-    found: dict[str, tuple[str, str]] = {}
+    described: dict[str, tuple[str, str]] = {}
     for package, tree in [("", resources.files("nrsfm.conf")), *folders().items()]:
         if (folder := tree / group).is_dir():
             for file in folder.iterdir():
@@ -47,15 +47,15 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
                     lines = file.read_bytes().decode(errors="replace").splitlines()
                     comments = [line[1:].strip() for line in lines if line.startswith("# ")]
                     comments = [c for c in comments if not c.startswith("@package")]
-                    found.setdefault(file.name.removesuffix(".yaml"), (comments[0] if comments else "", package))
-    return dict(sorted(found.items()))
+                    described.setdefault(file.name.removesuffix(".yaml"), (comments[0] if comments else "", package))
+    return dict(sorted(described.items()))
 
 
 def faults() -> Iterator[str]:
-    """What is wrong with installed packages, a line each: nothing that keeps the rest from working."""
+    """Faults of installed packages, one line each: names that are taken, modules and files that cannot be loaded."""
     if not (entries := installed()):
         return
-    from omegaconf import OmegaConf  # this and the registries take seconds, which only packages are worth
+    from omegaconf import OmegaConf  # slow imports, needed only if there are packages
 
     from nrsfm.datasets.registry import SOURCES, source
     from nrsfm.methods.base import MethodError
@@ -86,7 +86,7 @@ def faults() -> Iterator[str]:
 
 
 def top_of(entry: EntryPoint) -> str:
-    """The top-level package or module that an entry point is of."""
+    """The top-level package or module of an entry point."""
     return entry.value.partition(":")[0].strip().partition(".")[0]
 
 
