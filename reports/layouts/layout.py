@@ -24,7 +24,7 @@ class Method:
     """A method's place in a table."""
 
     name: str  #: the method, as trials call it
-    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column of ours
+    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column that the paper does not have
     printed: str = ""  #: its name in ``reports/paper``, where it is another one
     source: str = ""  #: its table in ``reports/paper``, where it is not the layout's
     where: Mapping[str, Any] = field(default_factory=dict)

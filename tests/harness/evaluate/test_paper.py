@@ -38,7 +38,7 @@ def measured(scene: Scene, method: str) -> dict[str, float]:
 def test_bmm_and_ours(data_folder: Path, pair: str) -> None:
     """BMM within 5 % of its reference; ours without a wrong track and level with BMM."""
     pair_scene = scene(data_folder, pair)
-    bmm, ours = measured(pair_scene, "bmm"), measured(pair_scene, "ours")
+    bmm, ours = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
     assert bmm["e_3d_dai"] == pytest.approx(BMM[pair], rel=0.05)
     assert ours["n_wrong"] == 0
     assert ours["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
@@ -48,7 +48,7 @@ def test_bmm_and_ours(data_folder: Path, pair: str) -> None:
 def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str) -> None:
     """And its structure is nearer to the truth than the one that reproduces the noisy tracks."""
     noisy = scene(data_folder, pair).with_noise(0.01, 0)
-    bmm, ours = measured(noisy, "bmm"), measured(noisy, "ours")
+    bmm, ours = measured(noisy, "bmm"), measured(noisy, "adaptive")
     assert ours["n_wrong"] == 0
     assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
 
@@ -63,16 +63,16 @@ def test_ssc_with_all_coefficients_fails_on_the_shark_as_published(data_folder: 
     "pair", ["stretch_yoga", *(pytest.param(pair, marks=pytest.mark.slow) for pair in ("dance_yoga", "face_pickup"))]
 )
 def test_ours_does_not_need_the_papers_scene(data_folder: Path, pair: str) -> None:
-    assert measured(scene(data_folder, pair, **NATIVE), "ours")["n_wrong"] == 0
-    assert measured(scene(data_folder, pair, placement="intersecting"), "ours")["n_wrong"] == 0
+    assert measured(scene(data_folder, pair, **NATIVE), "adaptive")["n_wrong"] == 0
+    assert measured(scene(data_folder, pair, placement="intersecting"), "adaptive")["n_wrong"] == 0
 
 
 def test_three_bodies(data_folder: Path) -> None:
-    assert measured(scene(data_folder, "stretch_dance_yoga"), "ours")["n_wrong"] == 0
+    assert measured(scene(data_folder, "stretch_dance_yoga"), "adaptive")["n_wrong"] == 0
 
 
 @pytest.mark.parametrize("pair", ["walking_yoga", "face_yoga"])
 def test_the_printed_formulation(data_folder: Path, pair: str) -> None:
-    values = measured(scene(data_folder, pair), "ours_printed")
+    values = measured(scene(data_folder, pair), "ours")
     assert values["n_wrong"] == 0
     assert values["e_3d_dai"] <= 1.15 * BMM[pair]

@@ -175,7 +175,7 @@ class TestEveryFormat:
 class TestHtml:
     def test_hostile_text_makes_no_element(self, hostile: Table) -> None:
         judged = judge(Evidence([], lambda _: {}))
-        whole = page([hostile], [], judged, {}, lambda _: {}).replace(plotly(), "")
+        whole = page([hostile], [], judged, [], {}, lambda _: {}).replace(plotly(), "")
         for text in (writers.html(hostile), whole):
             seen = Tags(text).seen
             assert [tag for tag, _ in seen].count("script") == (PROGRAMS if text is whole else 0)
