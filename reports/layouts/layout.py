@@ -9,6 +9,7 @@ from typing import Any
 
 from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts.literature import Literature
 from nrsfm.reports.layouts.table_metrics import E_3D, E_MS, TableMetric
 
 
@@ -86,6 +87,7 @@ class Layout:
     """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
     to reproduce none."""
     notes: tuple[str, ...] = ()  #: notes that cannot be derived from the answers
+    literature: Literature | None = None  #: what other papers print for the same data
 
     @property
     def datasets(self) -> tuple[str, ...]:

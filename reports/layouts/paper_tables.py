@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from nrsfm.datasets.real import hopkins
-from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts import literature, published
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, columns
 from nrsfm.reports.layouts.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
 from nrsfm.reports.layouts.table_metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
@@ -72,6 +72,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         source="table2",
         points="table1",
         joiner=" + ",
+        literature=literature.PAIRS,
         notes=(SHARE, ADAPTIVE, FURTHER),
     ),
     "table3": Layout(
@@ -85,6 +86,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
             *OURS,
         ),
         source="table3",
+        literature=literature.UMPM,
         notes=(SHARE, ADAPTIVE, ROOM),
     ),
     "two_person": Layout(
@@ -126,6 +128,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         methods=(Method("ours_c", "C constraint"), Method("ours_cd", "CD constraint")),
         metrics=(E_3D,),
         source="table4",
+        literature=literature.DENSE,
         points="table4",
         notes=(DENSE,),
     ),
@@ -153,6 +156,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         ),
         source="single_body",
         points="single_body",
+        literature=literature.SINGLE,
         notes=(FIXED, TRAJECTORIES),
     ),
     "hopkins155": Layout(

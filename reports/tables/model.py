@@ -141,6 +141,15 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Printed:
+    """Numbers that other papers print for a table's rows, as they print them; None where there is none."""
+
+    caption: str
+    methods: tuple[str, ...]  #: labels of the columns
+    rows: tuple[tuple[str, tuple[str | None, ...]], ...]  #: (label, numbers)
+
+
+@dataclass(frozen=True)
 class Paired:
     """The paper's method against another one over the rows of a table, by Wilcoxon's signed-rank test."""
 
@@ -178,6 +187,7 @@ class Table:
     notes: tuple[Note, ...]  #: loud ones first
     parts: Table | None = None  #: for rows that pool datasets: the same answers with a row for each dataset
     study: bool = False  #: whether the columns are candidates, which claim to reproduce nothing
+    literature: Printed | None = None  #: what other papers print
     tests: tuple[Paired, ...] = ()  #: the paper's method against each other over the rows
 
     @property
