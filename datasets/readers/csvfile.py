@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.readers.trackfields import MOST, TrackFile, check_size, check_words, named, order
+from nrsfm.datasets.readers.trackfile import MOST, TrackFile, check_size, check_words, in_order, named
 
 if TYPE_CHECKING:
     import pandas as pd  # takes 0.3 s, which a wide file need not
@@ -92,8 +92,8 @@ def _chunks(
 
 def _long(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFile:
     table, names = _observations(path, header, lines)
-    frame_names, frame_rank = _in_order(path, "frame", list(names["frame"]))
-    ids, track_rank = _in_order(path, "track", list(names["track"]))
+    frame_names, frame_rank = in_order(path, "frame", list(names["frame"]))
+    ids, track_rank = in_order(path, "track", list(names["track"]))
     F, P = len(frame_names), len(ids)
     check_size(path, F, P)
     most = max(1_000_000, SPARSE * len(table))
@@ -182,7 +182,7 @@ def _wide(path: Path, header: list[str], lines: Iterator[list[str]]) -> TrackFil
         parts.append(values.reshape(len(rows), len(ids), 2))
     if not parts:
         raise DatasetError(f"{path}: it holds no observation; {HEADERS}")
-    names, rank = _in_order(path, "frame", list(frames))
+    names, rank = in_order(path, "frame", list(frames))
     W = np.empty((len(names), 2, len(ids)))
     W[rank] = np.concatenate(parts).transpose(0, 2, 1)
     return TrackFile(W, names, ids)
@@ -207,16 +207,6 @@ def _pairs(path: Path, header: list[str]) -> tuple[str, ...]:
 def _indices(known: dict[str, int], words: Iterable[str]) -> list[int]:
     """Indices of words in the order in which they first came; new words are added to the known ones."""
     return [known.setdefault(word.strip(), len(known)) for word in words]
-
-
-def _in_order(path: Path, field: str, names: list[str]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """Names sorted by value if all are numbers, else as they came; and the place of each in that order."""
-    check_words(path, field, names)
-    keys = [order(name) for name in names]
-    places = list(range(len(names)))
-    if not any(is_word for is_word, _, _ in keys):
-        places.sort(key=keys.__getitem__)
-    return tuple(names[k] for k in places), np.argsort(places)
 
 
 def _coordinates(path: Path, numbers: Sequence[int] | NDArray[np.int64], name: str, words: Sequence[str]) -> Array:

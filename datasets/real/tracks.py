@@ -17,7 +17,8 @@ from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.csvfile import read_csv
 from nrsfm.datasets.readers.limits import HUGE
-from nrsfm.datasets.readers.trackfields import TrackFile, read_fields
+from nrsfm.datasets.readers.trackfields import read_fields
+from nrsfm.datasets.readers.trackfile import Asked, TrackFile
 from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.scene import Scene
 
@@ -86,7 +87,7 @@ def find(file: object, folder: Path) -> Path:
 
 
 def _scene(path: Path, parts: TrackFile, name: str) -> Scene:
-    W, notes = parts.tracks, []
+    W, notes = parts.tracks, list(parts.notes)
     seen = observed(W)
     _check_numbers(path, parts)
     if (zero := int((W == 0).all(axis=1).sum())) > 0.01 * W.shape[0] * W.shape[2]:
