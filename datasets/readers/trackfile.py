@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array
-from nrsfm.datasets.errors import DatasetError
+from nrsfm.datasets.errors import DatasetError, is_number
 
 MOST = 20_000_000  # positions of a file
 LONGEST = 1_000_000  # frames, and tracks
@@ -30,7 +30,13 @@ class TrackFile:
     labels: NDArray[np.int64] | None = None  # (P,)
     bodies: tuple[str, ...] = ()  # names of the labels in the file
     notes: tuple[str, ...] = ()  # how the file was read, where its user may have meant otherwise
-    image: bool = False  # it is known to be in pixels, y downwards
+    image: bool = False  # its layout is one of images, where y points down
+
+
+#: What ``columns`` may give a name for: columns of a table, fields of an array file.
+ROLES = ("frame", "track", "x", "y", "label", "visible", "confidence")
+ROLES += ("tracks", "occluded", "cameras", "structure", "labels")
+Y = ("auto", "down", "up")
 
 
 @dataclass(frozen=True)
@@ -40,17 +46,36 @@ class Asked:
     Parameters
     ----------
     columns : mapping
-        The names in the file for ``frame``, ``track``, ``x``, ``y``, ``label``, ``visible`` and ``confidence`` of a
-        table, or for the fields of an array file, such as ``tracks`` and ``visible``.
+        The names in the file for some of :data:`ROLES`.
     axes : str
         What the axes of the array of tracks are, see :mod:`nrsfm.datasets.readers.axes`; empty to have it recognised.
     confidence : float or None
         Confidence below which a position counts as not observed; None takes the layout's own.
+    y : {"auto", "down", "up"}
+        Where y points in the image. ``auto``: downwards if the layout is one of images, or hardly any coordinate is
+        negative.
+
+    Raises
+    ------
+    DatasetError
+        If one of them cannot be used.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     axes: str = ""
     confidence: float | None = None
+    y: str = "auto"
+
+    def __post_init__(self) -> None:
+        words = self.columns.items() if isinstance(self.columns, Mapping) else [(self.columns, None)]
+        if odd := next((role for role, name in words if role not in ROLES or not isinstance(name, str)), None):
+            raise DatasetError(f"columns gives {str(odd)[:40]!a} a name, wanted NAME=COLUMN for some of {', '.join(ROLES)}")
+        if not isinstance(self.axes, str):
+            raise DatasetError(f"axes is {str(self.axes)[:40]!a}, wanted letters such as F,P,2")
+        if self.confidence is not None and not is_number(self.confidence):
+            raise DatasetError(f"confidence is {str(self.confidence)[:40]!a}, wanted a number")
+        if self.y not in Y:
+            raise DatasetError(f"y is {str(self.y)[:40]!a}, wanted one of {', '.join(Y)}")
 
 
 def check_size(path: Path, n_frames: int, n_points: int) -> None:
@@ -93,7 +118,7 @@ def order(word: str) -> tuple[bool, float, str]:
 def in_order(path: Path, field: str, names: Sequence[str]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
     """Names of frames or tracks in their order, and the place of each of ``names`` in it.
 
-    Numbers are sorted by value. Frames that differ in numbers alone (``img_2.png``, ``00:01:59.5``) are sorted by these.
+    Numbers are sorted by value. Names that differ in numbers alone (``img_2.png``, ``00:01:59.5``) are sorted by these.
     Tracks of other names stay as they are.
 
     Raises
@@ -102,19 +127,20 @@ def in_order(path: Path, field: str, names: Sequence[str]) -> tuple[tuple[str, .
         If a name is empty, long or not printable, or the order of frames is not known.
     """
     check_words(path, field, names)
-    keys: list[tuple[bool, float, str]] | list[list[float]] = [order(name) for name in names]
-    places = list(range(len(names)))
-    if any(is_word for is_word, _, _ in map(order, names)):
-        if field != "frame":
-            return tuple(names), np.arange(len(names))
+    places, keys = list(range(len(names))), [order(name) for name in names]
+    if not any(is_word for is_word, _, _ in keys):
+        places.sort(key=keys.__getitem__)
+    else:
         between = [DIGITS.sub("0", name) for name in names]
-        if (other := next((k for k, text in enumerate(between) if text != between[0]), None)) is not None:
+        other = next((k for k, text in enumerate(between) if text != between[0]), None)
+        if other is None:
+            numbers = [[float(number) for number in DIGITS.findall(name)] for name in names]
+            places.sort(key=numbers.__getitem__)
+        elif field == "frame":
             raise DatasetError(
                 f"{path}: which of the frames {names[0][:40]!a} and {names[other][:40]!a} comes first is not known; "
                 "number the frames"
             )
-        keys = [[float(number) for number in DIGITS.findall(name)] for name in names]
-    places.sort(key=keys.__getitem__)
     return tuple(names[k] for k in places), np.argsort(places)
 
 
