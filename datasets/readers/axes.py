@@ -13,6 +13,7 @@ frame that is one row (``F,P2`` or ``F,2P``) cannot be seen in the numbers.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from itertools import permutations
 from pathlib import Path
@@ -76,8 +77,8 @@ def roughness(tracks: NDArray[Any]) -> float:
 
 def _median(values: Array, axis: tuple[int, ...] | None = None) -> Array:
     """Median of the finite values; NaN where there is none."""
-    masked = np.ma.masked_invalid(values)
-    return np.asarray(np.ma.filled(np.ma.median(masked, axis=axis, keepdims=axis is not None).astype(float), np.nan))
+    with warnings.catch_warnings(action="ignore"):  # of slices that are NaN throughout
+        return np.asarray(np.nanmedian(np.where(np.isfinite(values), values, np.nan), axis, keepdims=axis is not None))
 
 
 def recognise(path: Path, name: str, array: NDArray[Any], documented: str, asked: str) -> tuple[str, str]:

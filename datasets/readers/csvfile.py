@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.longtable import Long
 from nrsfm.datasets.readers.textfile import Table, opened
-from nrsfm.datasets.readers.trackfile import Asked, TrackFile, unused
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile, unused
 from nrsfm.datasets.readers.widetable import Point, Wide
 
 NEEDED, KNOWN = ("frame", "track", "x", "y"), ("label", "visible", "confidence")
@@ -27,7 +27,7 @@ HEADERS = (
 Plan = Long | Wide
 
 
-def read_csv(path: Path, asked: Asked = Asked()) -> TrackFile:
+def read_csv(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
     """Read tracks from a text table in one of :data:`LAYOUTS`.
 
     An observation that is missing has no line, or empty or ``nan`` coordinates, or ``visible`` 0.

@@ -17,14 +17,15 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 from nrsfm.datasets.readers.limits import claim
 
-NUMERIC = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {"double", "single", "logical"}
-CLASSES = ("cell", "struct", "object", "char", "sparse", "double", "single", "int8", "uint8", "int16", "uint16")
-CLASSES += ("int32", "uint32", "int64", "uint64", "function")  # of MATLAB, from 1 on
+NUMBERS = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+CLASSES = ("cell", "struct", "object", "char", "sparse", *NUMBERS, "function")  # of MATLAB, from 1 on
 OBJECT = 17  # the class of strings, tables and other objects in files of version 5, which have no size
+NUMERIC = {*NUMBERS, "logical"}
 HEAD = 1 << 12  # bytes in which the name and the size of a field stand
 HDF5_FILTERS = {1, 2, 3}  # deflate, shuffle, checksum: those of MATLAB and h5py; others are code to load
 
@@ -93,8 +94,8 @@ def mat(path: str, room: int, *names: str) -> dict[str, Any]:
 
 def _fields5(path: str) -> list[tuple[str, tuple[int, ...], str]]:
     """Name, size and class of each field of a file of version 5; scipy's ``whosmat`` fails on strings and tables."""
-    found = []
-    with open(path, "rb") as file:
+    found: list[tuple[str, tuple[int, ...], str]] = []
+    with Path(path).open("rb") as file:
         order = "<" if file.read(128)[126:] == b"IM" else ">"
         while len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(f"{order}2I", tag)

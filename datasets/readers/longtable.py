@@ -109,9 +109,9 @@ def _labels(
     if not any(of_track):
         return None, ()
     if "" in of_track:
-        track = tracks[of_track.index("")][:40]
+        bare = tracks[of_track.index("")][:40]
         raise DatasetError(
-            f"{path}: track {track!a} has no label and others have; label all tracks, or leave the column out"
+            f"{path}: track {bare!a} has no label and others have; label all tracks, or leave the column out"
         )
     return named(path, "label", [of_track[k] for k in np.argsort(track_rank)])
 

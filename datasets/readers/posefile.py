@@ -14,7 +14,7 @@ import numpy as np
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.limits import reason
 from nrsfm.datasets.readers.posetable import pose_tracks
-from nrsfm.datasets.readers.trackfile import LONGEST, MOST, Asked, TrackFile, unused
+from nrsfm.datasets.readers.trackfile import LONGEST, MOST, RECOGNISED, Asked, TrackFile, unused
 
 LARGEST = 1 << 28  # bytes of all files; as Python's objects they take tenfold
 PARTS = ("pose_keypoints_2d", "face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
@@ -43,7 +43,7 @@ class Layout:
     used: frozenset[str]
 
 
-def read_json(path: Path, asked: Asked = Asked()) -> TrackFile:
+def read_json(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
     """Read a JSON file, or the files of a folder, of which each is a frame.
 
     Points of confidence 0, and those below the wanted confidence, are not observed.
@@ -106,11 +106,11 @@ def _tracks(path: Path, persons: Sequence[Person], nodes: Sequence[str], asked: 
         raise DatasetError(f"{path}: frames show several persons and the file does not say who is who; {REMEDY}")
     values = np.array([_numbers(path, person, size) for person in persons]).reshape(len(persons), -1, 3)
     least = 0.0 if asked.confidence is None else asked.confidence
-    seen = (values[:, :, 2] > 0) & (values[:, :, 2] >= least)
-    kept = seen.any(axis=1)  # a person without points was not found
+    seen = np.asarray((values[:, :, 2] > 0) & (values[:, :, 2] >= least))
+    kept = np.flatnonzero(seen.any(axis=1))  # a person without points was not found
     words = nodes if len(nodes) == size // 3 else [str(k) for k in range(size // 3)]
-    names = None if once else [person.name for person, some in zip(persons, kept, strict=True) if some]
-    frames = [person.frame for person, some in zip(persons, kept, strict=True) if some]
+    names = None if once else [persons[k].name for k in kept.tolist()]
+    frames = [persons[k].frame for k in kept.tolist()]
     positions = np.where(seen[:, :, None], values[:, :, :2], np.nan)[kept]
     return pose_tracks(path, frames, names, words, positions)
 

@@ -15,7 +15,7 @@ from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.arrayfields import FIELDS
 from nrsfm.datasets.readers.axes import arranged, recognise
 from nrsfm.datasets.readers.matfile import listed
-from nrsfm.datasets.readers.trackfile import Asked, TrackFile, check_size, named, unused
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile, check_size, named, unused
 
 #: The names that a field may have.
 NAMES: Mapping[str, tuple[str, ...]] = {
@@ -31,7 +31,7 @@ SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for ea
 SURE = 0.5  # confidence from which a position counts as observed
 SEEN: Mapping[str, Callable[[Array, float], NDArray[np.bool_]]] = {
     "visible": lambda value, least: value >= least,
-    "occluded": lambda value, _: value < (0.5 if 0 <= value.min() and value.max() <= 1 else 0.0),  # else logits
+    "occluded": lambda value, _: value < (0.5 if value.min() >= 0 and value.max() <= 1 else 0.0),  # else logits
     "confidence": lambda value, least: value >= least,
 }
 
@@ -55,7 +55,7 @@ LAYOUTS = (
 )
 
 
-def read_fields(path: Path, asked: Asked = Asked()) -> TrackFile:
+def read_fields(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
     """Read an .npz, .npy, .mat or HDF5 file.
 
     ``tracks`` or ``W`` is (F, 2, P), or (2F, P) with rows x, y for each frame; CoTracker's ``pred_tracks`` are
@@ -179,7 +179,7 @@ def _hide(
         raise DatasetError(f"{path}: field {name} holds NaN or infinite numbers; wanted 0 and 1")
     least = SURE if confidence is None else confidence
     whole = bool(((flags == 0) | (flags == 1)).all())
-    if field != "occluded" and not whole and not (0 <= flags.min() and flags.max() <= 1):
+    if field != "occluded" and not whole and not (flags.min() >= 0 and flags.max() <= 1):
         raise DatasetError(f"{path}: field {name} holds other numbers than 0 to 1; write 1 where a track is observed")
     shown = seen(flags, least)
     lacking = shown & np.isnan(W).any(axis=1)

@@ -34,8 +34,8 @@ class TrackFile:
 
 
 #: What ``columns`` may give a name for: columns of a table, fields of an array file.
-ROLES = ("frame", "track", "x", "y", "label", "visible", "confidence")
-ROLES += ("tracks", "occluded", "cameras", "structure", "labels")
+COLUMNS = ("frame", "track", "x", "y", "label", "visible", "confidence")
+ROLES = (*COLUMNS, "tracks", "occluded", "cameras", "structure", "labels")
 Y = ("auto", "down", "up")
 
 
@@ -69,13 +69,18 @@ class Asked:
     def __post_init__(self) -> None:
         words = self.columns.items() if isinstance(self.columns, Mapping) else [(self.columns, None)]
         if odd := next((role for role, name in words if role not in ROLES or not isinstance(name, str)), None):
-            raise DatasetError(f"columns gives {str(odd)[:40]!a} a name, wanted NAME=COLUMN for some of {', '.join(ROLES)}")
+            raise DatasetError(
+                f"columns gives {str(odd)[:40]!a} a name, wanted NAME=COLUMN for some of {', '.join(ROLES)}"
+            )
         if not isinstance(self.axes, str):
             raise DatasetError(f"axes is {str(self.axes)[:40]!a}, wanted letters such as F,P,2")
         if self.confidence is not None and not is_number(self.confidence):
             raise DatasetError(f"confidence is {str(self.confidence)[:40]!a}, wanted a number")
         if self.y not in Y:
             raise DatasetError(f"y is {str(self.y)[:40]!a}, wanted one of {', '.join(Y)}")
+
+
+RECOGNISED = Asked()  # nothing is said
 
 
 def check_size(path: Path, n_frames: int, n_points: int) -> None:

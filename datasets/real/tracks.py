@@ -21,7 +21,7 @@ from nrsfm.datasets.readers.csvfile import read_csv
 from nrsfm.datasets.readers.limits import HUGE
 from nrsfm.datasets.readers.posefile import read_json
 from nrsfm.datasets.readers.trackfields import read_fields
-from nrsfm.datasets.readers.trackfile import Asked, TrackFile
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile
 from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.scene import Scene
 
@@ -58,7 +58,7 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
     return _digest(_existing(path, "dataset.file names a file from the current folder or the data folder"))
 
 
-def load_tracks(path: Path, name: str | None = None, asked: Asked = Asked()) -> Scene:
+def load_tracks(path: Path, name: str | None = None, asked: Asked = RECOGNISED) -> Scene:
     """Read tracks, and cameras, truth and labels where the file has them.
 
     The layouts of array files are those of :func:`nrsfm.datasets.readers.trackfields.read_fields`, of text tables those
@@ -172,10 +172,10 @@ def _is_image(W: Array) -> bool:
 
 
 def _without_marks(W: Array, down: bool) -> tuple[Array, list[str]]:
-    """The tracks with NaN for the positions in an image that mark what was not observed, and notes on such positions."""
+    """The tracks with NaN for positions in an image that mark what was not observed, and notes on such positions."""
     notes = []
     for mark in MISSING:
-        marked = (W == mark).all(axis=1)
+        marked = (mark == W).all(axis=1)
         if (count := int(marked.sum())) > 1 and (down or count > 0.01 * marked.size):
             told = "and count as not observed" if down else "; if those were not observed, write NaN"
             notes.append(f"{count} positions are exactly ({mark:g}, {mark:g}){'' if told[0] == ';' else ' '}{told}")

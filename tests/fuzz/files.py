@@ -188,7 +188,7 @@ def record(**changes: Any) -> bytes:
 
 
 def opaque5(name: str, kind: str) -> bytes:
-    """A MATLAB ``string``, ``table`` or other object as version 5 stores it: no size, and numbers into a hidden field."""
+    """A MATLAB ``string``, ``table`` or other object of version 5: without a size, with a link to a hidden field."""
     link = np.array([[0xDD000000, 2, 1, 1, 1, 1]], dtype="<u4").T
     words = b"".join(element(1, word.encode()) for word in (name, "MCOS", kind))
     return element(14, element(6, struct.pack("<2I", 17, 0)) + words + matrix5("", link.shape, link.tobytes(), 6, 13))

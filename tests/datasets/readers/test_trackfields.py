@@ -17,7 +17,7 @@ from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.readers.axes import arranged, orders
 from nrsfm.datasets.readers.trackfields import read_fields
-from nrsfm.datasets.readers.trackfile import Asked, TrackFile
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile
 from tests.fuzz import files
 
 F, P = 20, 12
@@ -44,7 +44,7 @@ def hidden(tracks: np.ndarray, visible: np.ndarray) -> np.ndarray:
     return np.where(visible[:, None], tracks, np.nan)
 
 
-def refused(path: Path, *words: str, asked: Asked = Asked()) -> None:
+def refused(path: Path, *words: str, asked: Asked = RECOGNISED) -> None:
     with pytest.raises(DatasetError) as caught:
         read_fields(path, asked)
     line = str(caught.value)
