@@ -32,8 +32,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     from nrsfm.datasets.errors import DatasetError
     from nrsfm.harness.config.address import shown
     from nrsfm.harness.record.errors import UsageError
+    from nrsfm.harness.record.imports import import_late
     from nrsfm.harness.record.text import printable
 
+    import_late()
     try:
         module = verbs.module(verb)
         if not {"-h", "--help"}.isdisjoint(rest):

@@ -7,7 +7,6 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
-from sklearn.cluster import KMeans
 
 from nrsfm.methods.base import Array, Labels, MethodError
 from nrsfm.methods.clustering.cuts import normalised_cut, recursive_cut
@@ -61,6 +60,8 @@ def spectral_clustering(
         return np.zeros(affinity.shape[0], dtype=np.int64)
     _, vectors = leading(affinity, n_clusters)
     rows = unit_rows(vectors)
+    from sklearn.cluster import KMeans  # slow to import, and who only builds methods needs none
+
     labels: Labels = KMeans(n_clusters, n_init=20, random_state=seed).fit_predict(rows).astype(np.int64)
     if not cheapest:
         return labels
