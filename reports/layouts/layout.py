@@ -121,7 +121,13 @@ class Layout:
 
 
 #: The other settings of the published scenes; placement and motion have fields of their own in tables.
-SCENE: Mapping[str, Any] = {"frames": None, "scale": "sequence", "upright": False, "degrees_per_frame": 5.0}
+SCENE: Mapping[str, Any] = {
+    "registration": "procrustes",
+    "frames": None,
+    "scale": "sequence",
+    "upright": False,
+    "degrees_per_frame": 5.0,
+}
 
 
 def scene_words(dataset: Mapping[str, Any]) -> str:
