@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from nrsfm.methods import base
 from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
-from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.clustering.spectral import CUTS, spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
 from nrsfm.methods.multibody.problem import DIAGONALS, minimise
@@ -30,7 +30,6 @@ from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.structure.bmm import complete_by_shape
 
 FORMS = ("auto", "dense", "implicit")
-CUTS = ("means", "cheapest")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 
@@ -53,9 +52,9 @@ class MultiBody(Method):
         minimisation.
     seed : int
         Of k-means.
-    cut : {"means", "cheapest"}
-        ``means``: labels by k-means on the eigenvectors. ``cheapest``: by k-means or by splits along one eigenvector at
-        a time, whichever has the smaller normalised cut; needed for tens of thousands of tracks.
+    cut : {"means", "cheapest", "rotation"}
+        See :func:`nrsfm.methods.clustering.spectral.spectral_clustering`. Tens of thousands of tracks need
+        ``cheapest``.
     spatial : float
         Weight of the spatial term over l1, for dense tracks with neighbours; 0 leaves the term out.
     form : {"auto", "dense", "implicit"}
@@ -103,7 +102,7 @@ class MultiBody(Method):
         affinity = code + code.T
         observations.stage("clustering")
         return Reconstruction(
-            labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cheapest=self.cut == "cheapest"),
+            labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cut=self.cut),
             structure=state.S * data.scale,
             cameras=cameras,
             affinity=affinity,
