@@ -27,7 +27,6 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ssc2d_share70": "SSC(2D), share .7",
         "bmm_ssc3d": "BMM + SSC(3D)",
         "bmm_ssc3d_k11": "BMM, K = 11, + SSC(3D)",
-        "bmm_ssc3d_k6": "BMM, K = 6, + SSC(3D)",
         "bmm_ssc3d_share70": "BMM + SSC(3D), share .7",
         "ssc2d_bmm": "SSC(2D) + BMM",
         "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",

@@ -82,6 +82,8 @@ class Layout:
     pools: Mapping[str, Pool] = field(default_factory=dict)
     """Row -> the datasets that it pools. A dataset may count in several rows."""
     parts: Layout | None = None  #: where rows pool datasets: the layout of the same answers, a row for each dataset
+    judges: tuple[Layout, ...] = ()
+    """Where rows pool datasets: tables whose published numbers a row is held against, those of all methods together."""
     study: bool = False
     """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
     to reproduce none."""
