@@ -103,7 +103,7 @@ def body_digest(folder: Path, name: str, motion: str, stand_in: bool) -> str:
 
 
 def load_body(
-    folder: Path, name: str, motion: str = "registered", registration: str = "procrustes", stand_in: bool = False
+    folder: Path, name: str, motion: str = "registered", registration: str = "turn", stand_in: bool = False
 ) -> Body:
     """Read one sequence.
 
@@ -174,7 +174,7 @@ def load_scene(
     bodies: Sequence[str],
     *,
     motion: str = "registered",
-    registration: str = "procrustes",
+    registration: str = "turn",
     stand_in: bool = False,
     turn_upright: bool | Sequence[str] = False,
     **placement: Any,

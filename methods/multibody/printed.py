@@ -27,8 +27,9 @@ from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
 from nrsfm.methods.multibody.problem import DIAGONALS, minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
 from nrsfm.methods.numerics.admm import Admm
-from nrsfm.methods.structure.bmm import complete_by_shape
+from nrsfm.methods.structure.bmm import complete_by_shape, fit_shape
 
+STARTS = ("bmm", "pseudoinverse")
 FORMS = ("auto", "dense", "implicit")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
@@ -46,6 +47,9 @@ class MultiBody(Method):
         its cap.
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
+    start : {"bmm", "pseudoinverse"}
+        The first S: the structure of least nuclear norm with R S = W (:func:`nrsfm.methods.structure.bmm.fit_shape`),
+        or pinv(R) W, whose points have no depth.
     diagonal : {"threshold", "exact", "paper"}
         How diag(C) = 0 is kept. ``threshold``: by the E-step, an exact proximal step. ``exact``: by the C-step,
         solved under the constraint. ``paper``: C - diag(C) after the C-step, as printed, which breaks the
@@ -77,6 +81,7 @@ class MultiBody(Method):
     max_penalty: float = 1e3
     max_iter: int = 250
     tol: float = 1e-8
+    start: str = "pseudoinverse"
     diagonal: str = "threshold"
     seed: int = 0
     cut: str = "means"
@@ -97,7 +102,8 @@ class MultiBody(Method):
         admm = Admm(
             self.max_iter, self.tol, self.penalty, growth=self.growth, max_penalty=self.max_penalty, progress=progress
         )
-        state, history = minimise(problem, problem.start(self.penalty), admm, observations.visible)
+        first = fit_shape(data.W, cameras).structure if self.start == "bmm" else None
+        state, history = minimise(problem, problem.start(self.penalty, first), admm, observations.visible)
         code = abs(state.E[:, :n_points])
         affinity = code + code.T
         observations.stage("clustering")
@@ -133,8 +139,9 @@ class MultiBody(Method):
         return PrintedProblem(W, cameras, self.l1, self.l2, diagonal=self.diagonal)
 
     def _check_settings(self) -> None:
-        for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
-            base.check_word(self, name, words)
+        words = {"start": STARTS, "diagonal": DIAGONALS, "cut": CUTS, "form": FORMS, "precision": tuple(PRECISIONS)}
+        for name, choices in words.items():
+            base.check_word(self, name, choices)
         base.check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
         base.check_at_least(self, 0, "spatial", "dense_gb")
         base.check_at_least(self, 1, "growth")

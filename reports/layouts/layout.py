@@ -124,7 +124,7 @@ class Layout:
 
 #: The other settings of the published scenes; placement and motion have fields of their own in tables.
 SCENE: Mapping[str, Any] = {
-    "registration": "procrustes",
+    "registration": "turn",
     "frames": None,
     "scale": "sequence",
     "upright": False,
