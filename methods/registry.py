@@ -29,8 +29,8 @@ from nrsfm.methods.structure.bmm import BMM
 from nrsfm.methods.structure.pta import PTA
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
-    "ours": AdaptiveMultiBody,
-    "ours_printed": MultiBody,
+    "adaptive": AdaptiveMultiBody,
+    "ours": MultiBody,
     "bmm": BMM,
     "pta": PTA,
     "ssc": SSC,

@@ -146,7 +146,7 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     )
     words = "how many bodies there are, or auto to have them counted, which is seldom right"
     parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
-    parser.add_words("--method", group_choices("method"), default="ours", help="any of 'nrsfm list methods' (ours)")
+    parser.add_words("--method", group_choices("method"), default="adaptive", help="any of 'nrsfm list methods'")
     parser.add_argument(
         "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
     )

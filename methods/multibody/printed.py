@@ -75,11 +75,11 @@ class MultiBody(Method):
     version = "2"
 
     l1: float = 3e-3
-    l2: float = 0.1
+    l2: float = 0.15
     penalty: float = 1e-3
     growth: float = 1.1
-    max_penalty: float = 1e3
-    max_iter: int = 250
+    max_penalty: float = 1.0
+    max_iter: int = 400
     tol: float = 1e-8
     start: str = "pseudoinverse"
     diagonal: str = "threshold"

@@ -33,7 +33,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """The cases of a claim for one method; ``measures`` names their values."""
+    """The cases of a claim; ``measures`` names their values."""
 
     cases: tuple[Case, ...]
     measures: str = ""
@@ -71,17 +71,17 @@ class Finding:
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with a finding for each method that it is judged for."""
+    """A claim with its finding."""
 
     number: int
     statement: str
     rule: str
-    findings: tuple[tuple[str, Finding], ...]
+    experiment: str  #: whose runs judge it
+    finding: Finding
 
     @property
     def verdict(self) -> str:
-        """Of the default method."""
-        return self.findings[0][1].verdict
+        return self.finding.verdict
 
 
 class Evidence:

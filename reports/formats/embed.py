@@ -10,14 +10,15 @@ from nrsfm.harness.record.folder import write_text
 from nrsfm.reports.formats.documents import glance, tally
 from nrsfm.reports.tables.model import Table
 
-TALLY = "tally"
+TALLY, ANSWER = "tally", "answer"
 
 
-def update_document(path: Path, tables: Sequence[Table]) -> None:
+def update_document(path: Path, tables: Sequence[Table], answer: Sequence[str] = ()) -> None:
     """Replace what a document has between ``<!-- TABLE -->`` and ``<!-- end TABLE -->`` by the table at a glance.
 
-    Between the marks of ``tally`` goes the number of published numbers that each table reproduces. A document with
-    those marks need not have the marks of every table.
+    Between the marks of ``tally`` goes the number of published numbers that each table reproduces, between those of
+    ``answer`` the sentences of :func:`nrsfm.reports.answer.answer`. A document with marks of either need not have the
+    marks of every table.
 
     Raises
     ------
@@ -26,9 +27,9 @@ def update_document(path: Path, tables: Sequence[Table]) -> None:
     """
     text = path.read_text(encoding="utf-8")
     parts = {table.name: f"{table.summary}\n\n{glance(table)}" for table in tables}
-    if f"<!-- {TALLY} -->" in text:
-        parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text}
-        parts[TALLY] = tally(tables)
+    whole = {TALLY: tally(tables), ANSWER: "".join(f"- {sentence}\n" for sentence in answer)}
+    if wanted := {name: part for name, part in whole.items() if f"<!-- {name} -->" in text}:
+        parts = {name: part for name, part in parts.items() if f"<!-- {name} -->" in text} | wanted
     for name, part in parts.items():
         start, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
         if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):

@@ -9,6 +9,7 @@ from typing import Any
 
 from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts.literature import Literature
 from nrsfm.reports.layouts.table_metrics import E_3D, E_MS, TableMetric
 
 
@@ -24,7 +25,7 @@ class Method:
     """A method's place in a table."""
 
     name: str  #: the method, as trials call it
-    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column of ours
+    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column that the paper does not have
     printed: str = ""  #: its name in ``reports/paper``, where it is another one
     source: str = ""  #: its table in ``reports/paper``, where it is not the layout's
     where: Mapping[str, Any] = field(default_factory=dict)
@@ -88,6 +89,7 @@ class Layout:
     """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
     to reproduce none."""
     notes: tuple[str, ...] = ()  #: notes that cannot be derived from the answers
+    literature: Literature | None = None  #: what other papers print for the same data
 
     @property
     def datasets(self) -> tuple[str, ...]:

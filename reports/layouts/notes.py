@@ -24,8 +24,9 @@ FIXED = (
 )
 
 ADAPTIVE = (
-    "Ours stands twice, too. As printed, S = S C binds whole trajectories with constant weights. By default the code "
-    "reads whitened motion, with slack in place of S = S C and weights that follow the noise that the tracks show."
+    "Ours is the paper's method as printed: S = S C binds whole trajectories, with constant weights. Adaptive is this "
+    "project's method, for which nothing is published: the code reads whitened motion, with slack in place of "
+    "S = S C and weights that follow the noise that the tracks show."
 )
 
 ROOM = (
@@ -35,7 +36,7 @@ ROOM = (
 
 HIDDEN = (
     "e_3D counts all points, hidden ones too; e_3D of hidden points those alone whose observation was dropped. BMM and "
-    "ours leave hidden points out of the data term, SSC and EDSC get tracks completed by the least nuclear norm. "
+    "adaptive leave hidden points out of the data term, SSC and EDSC get tracks completed by the least nuclear norm. "
     "Observations are dropped one by one (random), or for 20 frames at a time (stretches)."
 )
 

@@ -17,24 +17,16 @@ TRACKS_OFF = metrics.pooled(metrics.E_MS, "tracks off", title="e_MS, tracks off"
 
 #: Tables 1 and 2 as a candidate scene fills them.
 JUDGES = tuple(
-    replace(
-        PAPER_TABLES[table],
-        methods=tuple(
-            replace(method, name="ours_printed", printed="ours") if method.name == "ours" else method
-            for method in PAPER_TABLES[table].methods
-            if method.heading
-        ),
-        study=True,
-    )
+    replace(PAPER_TABLES[table], methods=tuple(m for m in PAPER_TABLES[table].methods if m.heading), study=True)
     for table in ("table1", "table2")
 )
 
 #: Settings of the block matrix method's rotation step as published.
 ROTATION = {"cameras.rank": SameAs("dataset.rank"), "cameras.start": "trace_norm", "cameras.refine": True}
 
-#: A column of ours for each setting of the search.
+#: A column of the adaptive method for each setting of the search.
 SETTINGS = tuple(
-    Method("ours", where={"method.l1": l1, "method.whitening": whitening}, label=f"l1 {l1}, whitening {whitening}")
+    Method("adaptive", where={"method.l1": l1, "method.whitening": whitening}, label=f"l1 {l1}, whitening {whitening}")
     for l1 in ([0.1, 0.3], [0.1, 0.1], [0.3, 0.3])
     for whitening in ([0.7, 0.5], [0.5, 0.5], [0.7, 0.7])
 )
@@ -75,7 +67,7 @@ STUDY_TABLES: Mapping[str, Layout] = {
             Method("ssc2d_bmm", metrics=(LOG_RATIO, TRACKS_OFF)),
             Method("ssc2d", source="table1", metrics=(TRACKS_OFF,)),
             Method("edsc", source="table1", metrics=(TRACKS_OFF,)),
-            Method("ours_printed", printed="ours", metrics=(LOG_RATIO, TRACKS_OFF)),
+            Method("ours", metrics=(LOG_RATIO, TRACKS_OFF)),
         ),
         source="table2",
         points="table1",
@@ -88,7 +80,7 @@ STUDY_TABLES: Mapping[str, Layout] = {
                 *columns("bmm_ssc3d", "ssc2d_bmm"),
                 Method("ssc2d", source="table1", metrics=(metrics.E_MS,)),
                 Method("edsc", source="table1", metrics=(metrics.E_MS,)),
-                Method("ours_printed", printed="ours"),
+                Method("ours"),
             ),
             source="table2",
             points="table1",
@@ -111,8 +103,8 @@ STUDY_TABLES: Mapping[str, Layout] = {
         joiner=" + ",
         study=True,
     ),
-    "ours_search": Layout(
-        title="The setting of ours",
+    "adaptive_search": Layout(
+        title="The setting of the adaptive method",
         caption="Wrong tracks of the eight pairs by the weight of the sparse code (l1) and the whitening, each for "
         "clean and for noisy tracks.",
         methods=SETTINGS,
@@ -125,8 +117,8 @@ STUDY_TABLES: Mapping[str, Layout] = {
         caption="The eight pairs, clean and with 1 per cent of noise, cameras known and from the tracks: means "
         "over the pairs.",
         methods=columns(
-            *("ours", "ours_apart", "ours_no_nuclear", "ours_not_whitened"),
-            *("ours_printed", "ours_printed_exact", "ours_printed_diag", "ours_printed_no_nuclear"),
+            *("adaptive", "adaptive_apart", "adaptive_no_nuclear", "adaptive_not_whitened"),
+            *("ours", "ours_exact", "ours_diag", "ours_no_nuclear"),
             *("ssc2d_share70", "bmm_ssc3d_share70"),
         ),
         metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
@@ -139,7 +131,7 @@ STUDY_TABLES: Mapping[str, Layout] = {
         caption="The eight pairs with 10, 20 and 30 % of the observations dropped: means over the pairs.",
         methods=(
             *columns("ssc2d_share70", "edsc", metrics=(metrics.MEAN_TRACKS,)),
-            *columns("bmm_ssc3d_share70", "ours"),
+            *columns("bmm_ssc3d_share70", "adaptive"),
         ),
         metrics=(metrics.MEAN_3D, metrics.MEAN_HIDDEN, metrics.MEAN_TRACKS),
         pools={"pairs": BODIES["pairs"]},
@@ -150,7 +142,7 @@ STUDY_TABLES: Mapping[str, Layout] = {
         title="How many bodies",
         caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "
         "estimate the number.",
-        methods=columns("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed"),
+        methods=columns("ssc2d", "ssc2d_share70", "edsc", "ours", "adaptive"),
         metrics=(metrics.MISCOUNTED, metrics.MEAN_TRACKS),
         pools=BODIES,
         parts=Layout("Scene by scene", "", metrics=(metrics.FOUND, metrics.EIGENGAP, metrics.E_MS)),

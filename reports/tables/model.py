@@ -141,17 +141,26 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Printed:
+    """Numbers that other papers print for a table's rows, as they print them; None where there is none."""
+
+    caption: str
+    methods: tuple[str, ...]  #: labels of the columns
+    rows: tuple[tuple[str, tuple[str | None, ...]], ...]  #: (label, numbers)
+
+
+@dataclass(frozen=True)
 class Paired:
-    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test."""
+    """The paper's method against another one over the rows of a table, by Wilcoxon's signed-rank test."""
 
     method: str  #: the other method
     label: str
     metric: str  #: the error compared
     setting: str  #: what the rows share, where the table holds several settings
     rows: int  #: compared
-    better: int  #: rows on which ours is lower
-    worse: int  #: rows on which ours is higher
-    median: float  #: of ours minus the other, in the table's numbers
+    better: int  #: rows on which the paper's method is lower
+    worse: int  #: rows on which the paper's method is higher
+    median: float  #: of the paper's method minus the other, in the table's numbers
     p: float  #: two-sided
     corrected: float = 1.0  #: for the other tests of the same metric and setting
 
@@ -178,7 +187,8 @@ class Table:
     notes: tuple[Note, ...]  #: loud ones first
     parts: Table | None = None  #: for rows that pool datasets: the same answers with a row for each dataset
     study: bool = False  #: whether the columns are candidates, which claim to reproduce nothing
-    tests: tuple[Paired, ...] = ()  #: ours against each method over the rows
+    literature: Printed | None = None  #: what other papers print
+    tests: tuple[Paired, ...] = ()  #: the paper's method against each other over the rows
 
     @property
     def layers(self) -> tuple[Table, ...]:

@@ -46,18 +46,18 @@ def test_bmm(data_folder: Path, registration: str, pair: str) -> None:
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_ours_has_no_wrong_track_and_is_level_with_bmm(data_folder: Path, pair: str) -> None:
+def test_adaptive_has_no_wrong_track_and_is_level_with_bmm(data_folder: Path, pair: str) -> None:
     pair_scene = scene(data_folder, pair)
-    bmm, ours = measured(pair_scene, "bmm"), measured(pair_scene, "ours")
-    assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
+    bmm, adaptive = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
+    assert adaptive["n_wrong"] == 0
+    assert adaptive["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["dance_yoga", "stretch_yoga"])
 def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str) -> None:
     """And its structure is nearer to the truth than the one that reproduces the noisy tracks."""
     noisy = scene(data_folder, pair).with_noise(0.01, 0)
-    bmm, ours = measured(noisy, "bmm"), measured(noisy, "ours")
+    bmm, ours = measured(noisy, "bmm"), measured(noisy, "adaptive")
     assert ours["n_wrong"] == 0
     assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
 
@@ -72,17 +72,17 @@ def test_ssc_with_all_coefficients_fails_on_the_shark_as_published(data_folder: 
     "pair", ["stretch_yoga", *(pytest.param(pair, marks=pytest.mark.slow) for pair in ("dance_yoga", "face_pickup"))]
 )
 def test_ours_does_not_need_the_papers_scene(data_folder: Path, pair: str) -> None:
-    assert measured(scene(data_folder, pair, **NATIVE), "ours")["n_wrong"] == 0
-    assert measured(scene(data_folder, pair, placement="intersecting"), "ours")["n_wrong"] == 0
+    assert measured(scene(data_folder, pair, **NATIVE), "adaptive")["n_wrong"] == 0
+    assert measured(scene(data_folder, pair, placement="intersecting"), "adaptive")["n_wrong"] == 0
 
 
 def test_three_bodies(data_folder: Path) -> None:
-    assert measured(scene(data_folder, "stretch_dance_yoga"), "ours")["n_wrong"] == 0
+    assert measured(scene(data_folder, "stretch_dance_yoga"), "adaptive")["n_wrong"] == 0
 
 
 @pytest.mark.parametrize("pair", ["walking_yoga", "face_yoga"])
 def test_the_printed_formulation(data_folder: Path, pair: str) -> None:
     pair_scene = scene(data_folder, pair)
-    values = measured(pair_scene, "ours_printed")
+    values = measured(pair_scene, "ours")
     assert values["n_wrong"] == 0
     assert values["e_3d_dai"] <= 1.15 * measured(pair_scene, "bmm")["e_3d_dai"]

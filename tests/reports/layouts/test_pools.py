@@ -175,7 +175,7 @@ class TestDistances:
                 ("ssc2d_bmm", "table2", "ssc2d_bmm"),
                 ("ssc2d", "table1", "ssc2d"),
                 ("edsc", "table1", "edsc"),
-                ("ours_printed", "table2", "ours"),
+                ("ours", "table2", "ours"),
             ):
                 share = float(needed(published.printed(source, pair, theirs, "e_ms")))
                 wrong = wrong_tracks(share, POINTS[pair]) + 2 * (method == "ssc2d")
