@@ -8,7 +8,7 @@ import json
 import math
 import statistics
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 from typing import Any
 
@@ -253,6 +253,15 @@ def test_count_tables_hold_their_scenes() -> None:
         asked = {trial.dataset["name"] for trial, _ in expand(words)}
         pools = [LAYOUTS[name].pools[row] for row in LAYOUTS[name].pools if row != "all"]
         assert asked == {dataset for pool in pools for dataset in pool.datasets} and len(asked) == scenes
+
+
+def test_the_search_fills_every_column_of_its_table() -> None:
+    """The chosen setting is that of the method's configuration."""
+    design = LAYOUTS["ours_search"]
+    asked = [asdict(trial) for trial, _ in expand(["experiment=ours_search"])]
+    assert {design.method(settings).key for settings in asked} == {method.key for method in design.methods}
+    [(default, _)] = expand(["method=ours"])
+    assert design.method(asdict(default)) is design.methods[0]
 
 
 def test_parts_tell_what_was_found(answer: MakeAnswer) -> None:
