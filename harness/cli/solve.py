@@ -71,6 +71,9 @@ def _solve(options: argparse.Namespace) -> int:
     solution.save(folder)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
+    if options.gif:
+        solution.animate(options.gif)
+        print(f"{'animated in':<13} {options.gif}")
     if options.open:
         import webbrowser
 
@@ -152,5 +155,6 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     )
     parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="also write a moving picture")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
     return parser
