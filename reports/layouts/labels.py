@@ -20,6 +20,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ours_diag": "Ours, C - diag(C)",
         "ours_no_nuclear": "Ours, no nuclear norm",
         "bmm": "BMM",
+        "smooth_bmm": "Smooth BMM",
         "pta": "PTA",
         "edsc": "EDSC",
         "edsc_dim15": "EDSC, Dim 15",

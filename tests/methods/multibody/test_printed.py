@@ -142,13 +142,13 @@ def test_separates_and_reconstructs(diagonal: str) -> None:
     assert n_wrong(present(result.labels), present(scene.labels)) == 0
     assert e_3d(present(result.structure), present(scene.structure)) < 0.06
     for name in ("shape", "expression", "code", "affine"):
-        assert result.history[name][-1] < 1e-3 < result.history[name].max()
+        assert result.history[name][-1] < 0.01 * result.history[name].max()
 
 
 def test_the_printed_diagonal_breaks_the_minimisation(small_scene: Scene) -> None:
-    """C - diag(C) after the C-step leaves S far from S C where the exact step closes the gap."""
+    """While b grows, C - diag(C) after the C-step leaves S far from S C where the exact step closes the gap."""
     gap = {
-        diagonal: MultiBody(diagonal=diagonal)
+        diagonal: MultiBody(diagonal=diagonal, max_penalty=1e3)
         .reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
         .history["expression"][-1]
         for diagonal in ("threshold", "paper")
