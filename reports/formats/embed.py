@@ -30,7 +30,7 @@ def update_document(path: Path, tables: Sequence[Table], answer: Sequence[str] =
     """
     text = path.read_text(encoding="utf-8")
     parts = {table.name: _part(table, text) for table in tables}
-    whole = {TALLY: tally(tables), ANSWER: "".join(f"- {sentence}\n" for sentence in answer)}
+    whole = {TALLY: tally(tables)} | ({ANSWER: "".join(f"- {sentence}\n" for sentence in answer)} if answer else {})
     if wanted := {name: part for name, part in whole.items() if f"<!-- {name} -->" in text}:
         parts = {name: part for name, part in parts.items() if re.search(_start(name), text)} | wanted
     for name, part in parts.items():
