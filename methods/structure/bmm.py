@@ -73,8 +73,6 @@ class BMM(Method):
         """The (F, 3, P) structure of centred tracks."""
         fitted = fit_shape(W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         return fitted.structure
-            W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress
-        ).structure
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """Bytes of ten arrays of 3F x P, as measured."""
