@@ -114,13 +114,13 @@ class SmoothBMM(BMM):
     ----------
     smoothing : float
         t of L, in frames; 0 is BMM.
-
-    Others are those of :class:`nrsfm.methods.structure.bmm.BMM`.
+    l2, rank, max_iter, tol
+        Those of :class:`nrsfm.methods.structure.bmm.BMM`.
     """
 
     smoothing: float = SMOOTHING
 
-    def fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
+    def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
         """The (F, 3, P) structure of centred tracks."""
         base.check_at_least(self, 0, "smoothing")
         smoothness = Smoothness(cameras, self.smoothing)
