@@ -27,7 +27,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     verb, rest = arguments[0], arguments[1:]
     if verb not in verbs.VERBS:
-        print(f"nrsfm: {verb[:40]!a} is not a verb; they are {', '.join(verbs.VERBS)}", file=sys.stderr)
+        from nrsfm.harness.record.text import did_you_mean
+
+        known = f"{', '.join(verbs.VERBS)}{did_you_mean(verb[:40], verbs.VERBS)}"
+        print(f"nrsfm: {verb[:40]!a} is not a verb; they are {known}", file=sys.stderr)
         return 3
     from nrsfm.datasets.errors import DatasetError
     from nrsfm.harness.config.address import shown

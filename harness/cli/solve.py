@@ -37,14 +37,18 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    from nrsfm.harness.config.settings import settings_of
-    from nrsfm.harness.solving.folder import VIEW, check_folder
-    from nrsfm.harness.solving.solve import load, solve
-    from nrsfm.methods.base import MethodError
+    from nrsfm.datasets.real.tracks import load_tracks
+    from nrsfm.harness.config.plugins import check_choices
 
     n_bodies = _number(options.bodies)
+    check_choices([f"method={options.method}"])
+    scene = load_tracks(options.file.expanduser())  # what can be wrong is found before anything slow is loaded
+    from nrsfm.harness.config.settings import settings_of
+    from nrsfm.harness.solving.folder import VIEW, check_folder
+    from nrsfm.harness.solving.solve import solve
+    from nrsfm.methods.base import MethodError
+
     settings = settings_of([f"method={options.method}"])
-    scene = load(options.file)
     folder = (options.out or settings.output / "solve" / scene.name).expanduser()
     check_folder(folder)
     arguments = {

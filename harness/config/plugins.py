@@ -7,7 +7,8 @@ added to Hydra's search path, after the harness's own. The package is not import
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -15,6 +16,8 @@ from pathlib import Path
 
 from nrsfm import datasets, methods
 from nrsfm.datasets.errors import DatasetError
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.text import did_you_mean
 
 
 def installed() -> list[EntryPoint]:
@@ -49,6 +52,27 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
                     comments = [c for c in comments if not c.startswith("@package")]
                     described.setdefault(file.name.removesuffix(".yaml"), (comments[0] if comments else "", package))
     return dict(sorted(described.items()))
+
+
+def check_choices(overrides: Iterable[str]) -> None:
+    """Raise UsageError if ``GROUP=NAME`` or ``GROUP=NAME,NAME`` names a choice without a file; does not load Hydra.
+
+    What is more than names is left to Hydra, and so are all where files are added to its search path.
+    """
+    words = list(overrides)
+    if any(word.startswith("hydra.searchpath=") for word in words):
+        return
+    for word in words:
+        if match := re.fullmatch(r"\+?(\w+)=([\w.-]+(?:,[\w.-]+)*)", word):
+            known = choices(match[1])
+            for name in match[2].split(","):
+                if known and name.removesuffix(".yaml") not in (*known, "null"):
+                    raise UsageError(unknown_choice(match[1], name, known))
+
+
+def unknown_choice(group: str, name: str, known: Iterable[str]) -> str:
+    """A line that says so."""
+    return f"{group} {name!r} is none of {', '.join(known)}{did_you_mean(name, known)}"
 
 
 def faults() -> Iterator[str]:
