@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import write_text
 from nrsfm.harness.record.tracked import Answer, Fetch, Tracked
+from nrsfm.reports.answer import answer
 from nrsfm.reports.claims import claims
 from nrsfm.reports.claims.findings import Evidence, Judged
 from nrsfm.reports.figures.chart import Chart
@@ -48,6 +49,11 @@ class Report:
         """The paper's claims with their verdicts."""
         return claims.judge(Evidence(self.evidence, self.fetch))
 
+    @cached_property
+    def answer(self) -> tuple[str, ...]:
+        """Whether the paper reproduces, in a few sentences."""
+        return answer(self.tables, self.judged)
+
     @property
     def runs(self) -> dict[str, Tracked]:
         """Trial key -> the tracked run, for every trial that has one."""
@@ -71,7 +77,7 @@ class Report:
         }
         judged = claims.data(self.judged)
         texts["claims.json"] = json.dumps(judged, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        texts["index.html"] = page(self.tables, self.charts, self.judged, self.runs, self.fetch)
+        texts["index.html"] = page(self.tables, self.charts, self.judged, self.answer, self.runs, self.fetch)
         return texts
 
     def write(self, folder: Path) -> list[Path]:

@@ -41,7 +41,7 @@ def command_line() -> Parser:
         """\
 nrsfm bless quick --reason 'exact E-step' experiment=quick
 nrsfm bless tables --reason 'scipy 1.17 finds the eigenvectors to more digits' experiment=tables
-nrsfm bless my_lab.json --reason 'first measured' experiment=quick method=ours  # a file of your own""",
+nrsfm bless my_lab.json --reason 'first measured' experiment=quick method=adaptive  # a file of your own""",
         "'nrsfm compare experiment=quick compare.baseline=my_lab.json' holds later runs against it.\n\n"
         "exit codes: 0 written, 3 usage: nothing to bless, or no reason",
     )

@@ -52,7 +52,7 @@ class Parser(argparse.ArgumentParser):
         self, name: str = "overrides", metavar: str = "OVERRIDE", more: str = "", only: tuple[str, ...] = ("",)
     ) -> None:
         """Add Hydra overrides, completed with those that begin as ``only`` says; ``name`` may take other words too."""
-        text = f"a choice (method=ours) or a value (noise.level=0.02) as for 'nrsfm run'{more}"
+        text = f"a choice (method=adaptive) or a value (noise.level=0.02) as for 'nrsfm run'{more}"
         self.add_argument(name, nargs="*", metavar=metavar, help=text)
         self.overrides, self.only = name, only
 

@@ -165,7 +165,7 @@ def command_line() -> Parser:
         "with the time, the memory and the disk that they will take.",
         """\
 nrsfm plan experiment=table1
-nrsfm plan method=ours,edsc noise.level=0,0.02 workers=4
+nrsfm plan method=adaptive,edsc noise.level=0,0.02 workers=4
 nrsfm plan experiment=noise rerun=failed  # what 'nrsfm run' would repeat
 nrsfm plan experiment=noise --all  # every trial, not methods and states
 nrsfm plan experiment=noise --json  # for machines

@@ -37,14 +37,14 @@ def main(argv: Sequence[str]) -> int:
 
     report, settings = gather(names, [word for word in options.words if "=" in word])
     if options.claims:
-        print(claims.text(report.judged), end="")
+        print("\n".join(report.answer), claims.text(report.judged), sep="\n\n", end="")
     elif not options.quiet:
         for table in report.tables:
             console(table)
     folder = options.folder or settings.output / "report"
     report.write(folder)
     if options.into:
-        update_document(options.into, report.tables)
+        update_document(options.into, report.tables, report.answer)
     if options.figures:
         report.draw(folder / "figures")
     print(report.summary)
@@ -83,7 +83,7 @@ def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report,
             request = Request.of([f"experiment={name}", *overrides])
             by_experiment[name], runs = answers(request, runs)
         assert runs is not None
-        evidence = as_configured(runs.runs, (*claims.OURS, *claims.BASELINES))
+        evidence = as_configured(runs.runs, claims.METHODS)
     return Report(by_experiment, Arrays(request.settings), evidence), request.settings
 
 

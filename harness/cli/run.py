@@ -144,11 +144,11 @@ def command_line() -> Parser:
         "Run one trial, a sweep, or an experiment. What is done already is not repeated.",
         """\
 nrsfm run  # one trial on generated bodies, by conf/config.yaml
-nrsfm run dataset=dance_yoga method=ours  # one trial on two real sequences
+nrsfm run dataset=dance_yoga method=adaptive  # one trial on two real sequences
 nrsfm run dataset=procedural 'dataset.bodies=[person,face]' dataset.points=20 dataset.frames=40
-nrsfm run dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02  # a sweep: 8 trials
+nrsfm run dataset=dance_yoga,face_yoga method=adaptive,edsc noise.level=0,0.02  # a sweep: 8 trials
 nrsfm run experiment=table1  # what table 1 of the paper asks
-nrsfm run experiment=table2 method=ours,bmm_ssc3d cameras=estimated  # the same table, changed
+nrsfm run experiment=table2 method=adaptive,bmm_ssc3d cameras=estimated  # the same table, changed
 nrsfm run experiment=table1 rerun=failed workers=4  # what failed, on four processes
 nrsfm run experiment=noise hydra/launcher=joblib  # workers of another launcher
 nrsfm run --cfg job method=edsc  # the configuration, and nothing runs""",

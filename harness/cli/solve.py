@@ -75,6 +75,9 @@ def _solve(options: argparse.Namespace) -> int:
     solution.save(folder)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
+    if options.gif:
+        solution.animate(options.gif)
+        print(f"{'animated in':<13} {options.gif}")
     if options.open:
         import webbrowser
 
@@ -150,11 +153,12 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     )
     words = "how many bodies there are, or auto to have them counted, which is seldom right"
     parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
-    parser.add_words("--method", group_choices("method"), default="ours", help="any of 'nrsfm list methods' (ours)")
+    parser.add_words("--method", group_choices("method"), default="adaptive", help="any of 'nrsfm list methods'")
     parser.add_argument(
         "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
     )
     parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="also write a moving picture")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
     return parser

@@ -42,8 +42,8 @@ def usage() -> str:
 
 
 EXAMPLES = """
-  nrsfm run dataset=dance_yoga method=ours
-  nrsfm run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02
+  nrsfm run dataset=dance_yoga method=adaptive
+  nrsfm run -m dataset=dance_yoga,face_yoga method=adaptive,edsc noise.level=0,0.02
   nrsfm run experiment=table1 && nrsfm report table1
   nrsfm solve tracks.npz --bodies 2
 

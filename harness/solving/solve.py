@@ -34,7 +34,7 @@ def solve(
     scene: Scene | str | Path,
     n_bodies: int | str | None = None,
     *,
-    method: str | Method = "ours",
+    method: str | Method = "adaptive",
     cameras: str = AUTO,
     rank: int | None = None,
     overrides: Sequence[str] = (),

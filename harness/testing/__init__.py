@@ -75,7 +75,7 @@ def parametrize_with_checks(*choices: str) -> MarkDecorator:
     for choice in choices:
         group = choice.partition("=")[0]
         if group not in ("method", "dataset"):
-            raise ValueError(f"{choice!r} is no choice of a method or dataset, wanted such as method=ours")
+            raise ValueError(f"{choice!r} is no choice of a method or dataset, wanted such as method=adaptive")
         checks: Any = method_contract.CHECKS if group == "method" else dataset_contract.CHECKS
         parameters += [pytest.param(_bound(choice, check), id=f"{choice}-{check.__name__}") for check in checks]
     return pytest.mark.parametrize("check", parameters)

@@ -1,4 +1,4 @@
-"""Ours, with weights from the data: reconstruction and self-expression of whitened motion, with slack, in one ADMM.
+"""Adaptive, with weights from the data: reconstruction and self-expression of whitened motion, with slack, in one ADMM.
 
     min  1/2 |W - R S|^2 + l2 |S#|_* + e (1/2 |X - X C|^2 + l1 m |E|_1),  X = diag(w) Q' (R S) diag(1/d)
     s.t. S# = g(S),  C = E,  diag(C) = 0
@@ -129,7 +129,7 @@ def whiten(Q: Array, w: Array, images: Array) -> Array:
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class AdaptiveMultiBody(Method):
-    """Ours: :class:`AdaptiveProblem` with weights from the noise sigma of the tracks.
+    """:class:`AdaptiveProblem` with weights from the noise sigma of the tracks.
 
     sigma is in parts of the scene's spread. With t = sigma / (sigma + ``noise``), which is 0 for clean tracks and 1
     for very noisy ones, a pair of settings (clean, noisy) means clean + t (noisy - clean).

@@ -27,13 +27,13 @@ class Case:
 
     name: str
     ok: bool | None
-    said: str
+    words: str
     value: float | None = None
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The cases of a claim for one method; ``measures`` names their values."""
+    """The cases of a claim; ``measures`` names their values."""
 
     cases: tuple[Case, ...]
     measures: str = ""
@@ -66,22 +66,24 @@ class Finding:
     def evidence(self) -> tuple[str, ...]:
         """A line for each case, counterexamples first."""
         order = {False: 0, True: 1, None: 2}
-        return tuple(f"{SYMBOLS[word(c.ok)]} {c.name}: {c.said}" for c in sorted(self.cases, key=lambda c: order[c.ok]))
+        return tuple(
+            f"{SYMBOLS[word(c.ok)]} {c.name}: {c.words}" for c in sorted(self.cases, key=lambda c: order[c.ok])
+        )
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with a finding for each method that it is judged for."""
+    """A claim with its finding."""
 
     number: int
     statement: str
     rule: str
-    findings: tuple[tuple[str, Finding], ...]
+    experiment: str  #: whose runs judge it
+    finding: Finding
 
     @property
     def verdict(self) -> str:
-        """Of the default method."""
-        return self.findings[0][1].verdict
+        return self.finding.verdict
 
 
 class Evidence:

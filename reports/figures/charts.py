@@ -174,7 +174,7 @@ CHARTS: tuple[ChartEntry, ...] = (
         "e_3d",
         "3D error against noise",
         "e_3D against the noise's standard deviation; lines are means, bands the sample standard deviation over the "
-        "draws. The paper prints no standard deviation: the scale of the noise is ours.",
+        "draws. The paper prints no standard deviation: the scale of the noise is this project's.",
         ("noise*",),
         against_noise("e_3d"),
     ),

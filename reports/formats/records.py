@@ -79,6 +79,7 @@ def _data(table: Table) -> dict[str, Any]:
         "means": [_row(row) | {"cells": [asdict(cell) for cell in row.cells]} for row in table.means],
         "parts": _data(table.parts) if table.parts else None,
         "study": table.study,
+        "literature": asdict(table.literature) if table.literature else None,
         "tests": [asdict(test) for test in table.tests],
     }
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from nrsfm.harness.record.text import one_line
 from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts.literature import Literature
 from nrsfm.reports.layouts.table_metrics import E_3D, E_MS, TableMetric
 
 
@@ -24,7 +25,7 @@ class Method:
     """A method's place in a table."""
 
     name: str  #: the method, as trials call it
-    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column of ours
+    heading: str = ""  #: its LaTeX head in the paper's own table, "" for a column that the paper does not have
     printed: str = ""  #: its name in ``reports/paper``, where it is another one
     source: str = ""  #: its table in ``reports/paper``, where it is not the layout's
     where: Mapping[str, Any] = field(default_factory=dict)
@@ -82,10 +83,13 @@ class Layout:
     pools: Mapping[str, Pool] = field(default_factory=dict)
     """Row -> the datasets that it pools. A dataset may count in several rows."""
     parts: Layout | None = None  #: where rows pool datasets: the layout of the same answers, a row for each dataset
+    judges: tuple[Layout, ...] = ()
+    """Where rows pool datasets: tables whose published numbers a row is held against, those of all methods together."""
     study: bool = False
     """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
     to reproduce none."""
     notes: tuple[str, ...] = ()  #: notes that cannot be derived from the answers
+    literature: Literature | None = None  #: what other papers print for the same data
 
     @property
     def datasets(self) -> tuple[str, ...]:
@@ -121,7 +125,13 @@ class Layout:
 
 
 #: The other settings of the published scenes; placement and motion have fields of their own in tables.
-SCENE: Mapping[str, Any] = {"frames": None, "scale": "sequence", "upright": False, "degrees_per_frame": 5.0}
+SCENE: Mapping[str, Any] = {
+    "registration": "turn",
+    "frames": None,
+    "scale": "sequence",
+    "upright": False,
+    "degrees_per_frame": 5.0,
+}
 
 
 def scene_words(dataset: Mapping[str, Any]) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from nrsfm.datasets.real import hopkins
-from nrsfm.reports.layouts import published
+from nrsfm.reports.layouts import literature, published
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, columns
-from nrsfm.reports.layouts.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
+from nrsfm.reports.layouts.notes import ADAPTIVE, CUT, DENSE, DIMENSION, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
 from nrsfm.reports.layouts.table_metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
 
 #: Scenes of the eight motion-capture sequences by their number of bodies.
@@ -35,7 +35,7 @@ HOPKINS = {
     "all": Pool("All", _scenes(hopkins.SCENES)),
 }
 
-OURS = (Method("ours", "Our Method"), Method("ours_printed"))
+OURS = (Method("ours", "Our Method"), Method("adaptive"))
 
 PAPER_TABLES: Mapping[str, Layout] = {
     "table1": Layout(
@@ -45,16 +45,17 @@ PAPER_TABLES: Mapping[str, Layout] = {
             Method("ssc2d", r"SSC ($e_{MS}$)"),
             Method("ssc2d_share70"),
             Method("edsc", r"EDSC ($e_{MS}$)"),
+            Method("edsc_dim15"),
             Method("omp2d", label="SSC-OMP(2D) †"),
             Method("lrr2d", label="LRR(2D) †"),
             Method("ours", "Ours"),
-            Method("ours_printed"),
+            Method("adaptive"),
         ),
         metrics=(E_MS,),
         source="table1",
         points="table1",
         joiner="+",
-        notes=(SHARE, ADAPTIVE, FURTHER),
+        notes=(SHARE, DIMENSION, ADAPTIVE, FURTHER),
     ),
     "table2": Layout(
         title="Table 2",
@@ -63,6 +64,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         methods=(
             Method("bmm_ssc3d", "BMM + SSC (3D)"),
             Method("bmm_ssc3d_share70", metrics=(E_MS,)),
+            Method("bmm_ssc3d_k11"),
             Method("ssc2d_bmm", "SSC(2D) + BMM"),
             Method("ssc2d_bmm_share70"),
             Method("bmm_lrr3d", label="BMM + LRR(3D) †", metrics=(E_MS,)),
@@ -72,7 +74,8 @@ PAPER_TABLES: Mapping[str, Layout] = {
         source="table2",
         points="table1",
         joiner=" + ",
-        notes=(SHARE, ADAPTIVE, FURTHER),
+        literature=literature.PAIRS,
+        notes=(SHARE, CUT, ADAPTIVE, FURTHER),
     ),
     "table3": Layout(
         title="Table 3",
@@ -85,6 +88,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
             *OURS,
         ),
         source="table3",
+        literature=literature.UMPM,
         notes=(SHARE, ADAPTIVE, ROOM),
     ),
     "two_person": Layout(
@@ -95,7 +99,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
             Method("bmm_ssc3d_share70", metrics=(E_MS,)),
             Method("ssc2d_bmm", metrics=(E_3D,)),
             *columns("ssc2d", "ssc2d_share70", "edsc", metrics=(E_MS,)),
-            *columns("ours", "ours_printed"),
+            *columns("ours", "adaptive"),
         ),
         notes=(SHARE, ADAPTIVE, ROOM),
     ),
@@ -110,14 +114,14 @@ PAPER_TABLES: Mapping[str, Layout] = {
     "intersecting": Layout(
         title="Intersecting bodies",
         caption="Motion segmentation of the eight pairs with both bodies in one place. The paper prints no numbers.",
-        methods=columns("ssc2d", "ssc2d_share70", "edsc", "ours", "ours_printed"),
+        methods=columns("ssc2d", "ssc2d_share70", "edsc", "ours", "adaptive"),
         metrics=(E_MS,),
         notes=(SHARE, ADAPTIVE),
     ),
     "noise": Layout(
         title="Noise",
         caption="Errors with image noise, mean and standard deviation over the draws. The paper plots these "
-        "without naming the noise's scale: the scale is ours.",
+        "without naming the noise's scale: the scale is this project's.",
     ),
     "convergence": Layout(title="Convergence", caption="The runs behind the convergence curves."),
     "table4": Layout(
@@ -126,6 +130,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         methods=(Method("ours_c", "C constraint"), Method("ours_cd", "CD constraint")),
         metrics=(E_3D,),
         source="table4",
+        literature=literature.DENSE,
         points="table4",
         notes=(DENSE,),
     ),
@@ -153,6 +158,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         ),
         source="single_body",
         points="single_body",
+        literature=literature.SINGLE,
         notes=(FIXED, TRAJECTORIES),
     ),
     "hopkins155": Layout(

@@ -40,6 +40,9 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
         "single_body": Source("single_body.csv", row="sequence", metric="metric", value="value", points="points"),
         "three_bodies": Source("three_bodies.csv", metric="metric", value="printed"),
         "pairs_followup": Source("pairs_followup.csv", metric="e_3d", methods=("pnd", "zhu", "spatio_temporal_2017")),
+        "umpm_followup": Source("umpm_followup.csv", metric="e_3d", methods=("pnd", "zhu", "spatio_temporal_2017")),
+        "single_body_literature": Source("single_body_literature.csv", row="sequence", metrics={"e_3d": "value"}),
+        "dense_literature": Source("dense_literature.csv", metrics={"e_3d": "e_3d"}),
         "hopkins155": Source("hopkins155.csv", "motions", metrics={m: f"{m}_percent" for m in ("mean", "median")}),
     }
 )

@@ -6,17 +6,19 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from nrsfm.harness.record.tracked import Fetch, Tracked
+from nrsfm.reports.answer import PAPER
 from nrsfm.reports.claims.findings import Judged
 from nrsfm.reports.figures.chart import Chart
 from nrsfm.reports.page.runs import details
 from nrsfm.reports.page.standalone import render_page
-from nrsfm.reports.tables.model import Table, Verdict
+from nrsfm.reports.tables.model import Table
 
 
 def page(
     tables: Sequence[Table],
     charts: Sequence[Chart],
     judged: Sequence[Judged],
+    answer: Sequence[str],
     runs: Mapping[str, Tracked],
     fetch: Fetch,
 ) -> str:
@@ -38,16 +40,10 @@ def page(
         tables=tables,
         charts=charts,
         judged=judged,
-        totals=totals(tables),
+        paper=PAPER,
+        answer=answer,
         versions=sorted(Counter(environments).items()),
     )
-
-
-def totals(tables: Sequence[Table]) -> dict[str, int]:
-    """Published numbers of all tables but studies by verdict; ``not judged`` for the rest."""
-    claiming = [table for table in tables if not table.study]
-    counts = {verdict.value: sum(t.verdicts[verdict] for t in claiming) for verdict in list(Verdict)[:3]}
-    return counts | {"not judged": sum(table.published for table in claiming) - sum(counts.values())}
 
 
 def _viewed(tables: Sequence[Table]) -> list[str]:

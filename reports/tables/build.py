@@ -18,9 +18,11 @@ from nrsfm.reports.layouts.baseline import wrong_tracks
 from nrsfm.reports.layouts.index import layout
 from nrsfm.reports.layouts.labels import method_label
 from nrsfm.reports.layouts.layout import Layout, Method
+from nrsfm.reports.layouts.literature import LABELS
 from nrsfm.reports.layouts.table_metrics import DISTANCES, MEANS, TableMetric
 from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
-from nrsfm.reports.tables.model import Cell, Column, Row, Run, Setting, Table, Verdict
+from nrsfm.reports.tables.model import Cell, Column, Printed, Row, Run, Setting, Table, Verdict
+from nrsfm.reports.tables.overall import COLUMNS, overall
 from nrsfm.reports.tables.remarks import remarks
 from nrsfm.reports.tables.significance import paired_tests
 
@@ -55,11 +57,32 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     places = _columns(design, sorted_answers)
     columns = tuple(column for _, column in places)
     rows = tuple(_row(design, places, sorted_answers, key) for key in sorted_answers.rows)
+    if design.judges:
+        judges = [build(name, answers, judge) for judge in design.judges]
+        rows = tuple(replace(row, cells=overall(judges, row) + row.cells) for row in rows)
+        columns = COLUMNS + columns
     notes = remarks(design, columns, rows, sorted_answers)
     means = () if design.pools else _means(rows, columns)
     parts = build(name, answers, design.parts) if design.parts else None
     tests = () if design.pools or design.study else paired_tests(columns, rows)
-    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study, tests)
+    printed = _literature(design, rows)
+    return Table(name, design.title, design.caption, columns, rows, means, notes, parts, design.study, printed, tests)
+
+
+def _literature(design: Layout, rows: Sequence[Row]) -> Printed | None:
+    """The other papers' numbers for the datasets of the rows, and their means where every row has one."""
+    if design.literature is None:
+        return None
+    labels = {row.dataset: design.label(row.dataset) for row in rows}
+    values = {dataset: design.literature.values(dataset) for dataset in labels}
+    lines = [(labels[dataset], numbers) for dataset, numbers in values.items() if any(numbers)]
+    if len(lines) > 1:
+        columns = list(zip(*(numbers for _, numbers in lines), strict=True))
+        means = (
+            number(statistics.fmean(map(float, filter(None, column)))) if all(column) else None for column in columns
+        )
+        lines.append(("Mean", tuple(means)))
+    return Printed(design.literature.caption, tuple(LABELS[m] for m in design.literature.methods), tuple(lines))
 
 
 Place = tuple[Method, Column]

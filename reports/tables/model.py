@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
@@ -141,17 +141,26 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Printed:
+    """Numbers that other papers print for a table's rows, as they print them; None where there is none."""
+
+    caption: str
+    methods: tuple[str, ...]  #: labels of the columns
+    rows: tuple[tuple[str, tuple[str | None, ...]], ...]  #: (label, numbers)
+
+
+@dataclass(frozen=True)
 class Paired:
-    """Ours against one method over the rows of a table, by Wilcoxon's signed-rank test."""
+    """The paper's method against another one over the rows of a table, by Wilcoxon's signed-rank test."""
 
     method: str  #: the other method
     label: str
     metric: str  #: the error compared
     setting: str  #: what the rows share, where the table holds several settings
     rows: int  #: compared
-    better: int  #: rows on which ours is lower
-    worse: int  #: rows on which ours is higher
-    median: float  #: of ours minus the other, in the table's numbers
+    better: int  #: rows on which the paper's method is lower
+    worse: int  #: rows on which the paper's method is higher
+    median: float  #: of the paper's method minus the other, in the table's numbers
     p: float  #: two-sided
     corrected: float = 1.0  #: for the other tests of the same metric and setting
 
@@ -178,12 +187,24 @@ class Table:
     notes: tuple[Note, ...]  #: loud ones first
     parts: Table | None = None  #: for rows that pool datasets: the same answers with a row for each dataset
     study: bool = False  #: whether the columns are candidates, which claim to reproduce nothing
-    tests: tuple[Paired, ...] = ()  #: ours against each method over the rows
+    literature: Printed | None = None  #: what other papers print
+    tests: tuple[Paired, ...] = ()  #: the paper's method against each other over the rows
 
     @property
     def layers(self) -> tuple[Table, ...]:
         """The table and, where its rows pool datasets, its parts."""
         return (self, self.parts) if self.parts else (self,)
+
+    def of_methods(self, names: Collection[str]) -> Table:
+        """The columns of some methods alone."""
+        places = [i for i, column in enumerate(self.columns) if column.method in names]
+
+        def chosen(rows: tuple[Row, ...]) -> tuple[Row, ...]:
+            return tuple(replace(row, cells=tuple(row.cells[i] for i in places)) for row in rows)
+
+        columns = tuple(self.columns[i] for i in places)
+        less = replace(self, literature=None, parts=None, tests=())
+        return replace(less, columns=columns, rows=chosen(self.rows), means=chosen(self.means))
 
     @property
     def metrics(self) -> tuple[TableMetric, ...]:

@@ -1,4 +1,4 @@
-"""Paired tests of ours against each baseline over the rows: Wilcoxon's signed-rank test, corrected by Holm."""
+"""Paired tests of the paper's method against the others: Wilcoxon's signed-rank test with Holm's correction."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EXACT = 12
 
 
 def paired_tests(columns: Sequence[Column], rows: Sequence[Row]) -> tuple[Paired, ...]:
-    """Ours against every other method, metric by metric, over the rows of one setting where both have a number.
+    """The paper's method against every other, metric by metric, over the rows of one setting where both have a number.
 
     The p-values of one metric and setting are corrected together (Holm 1979). Stand-ins take no part.
     """

@@ -80,7 +80,7 @@ def by_pyproximal(W: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 SOLVERS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
-    "ours": lambda W, R: fit_shape(W, R, L2, tol=1e-5).structure,
+    "adaptive": lambda W, R: fit_shape(W, R, L2, tol=1e-5).structure,
     "continuation": continuation,
     "pyproximal": by_pyproximal,
 }

@@ -193,6 +193,7 @@ RULES = (
     Rule(r"make [\w-]+", never="it makes an environment of its own, or is the tests themselves"),
     Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"nrsfm data get" + ANY, never="it downloads"),
+    Rule(r"git clone .*", never="it needs the address that the page was found at"),
     Rule(r"python -m tests.fuzz.coverage .*", never="it takes as many minutes as there are readers, and an extra"),
     Rule(r"nrsfm ui" + ANY, never="it serves until it is stopped"),
     Rule(r"nrsfm (run|report|sync)\b.* (hydra/launcher=\w+ \S+|tracking)=.*", never=CLUSTER),
@@ -203,11 +204,11 @@ RULES = (
     Rule(r"nrsfm run experiment=scaling", "dataset.points=100 dataset.frames=10"),
     Rule(r"nrsfm run experiment=noise .*dataset=.*", "method=edsc noise.level=0.02"),
     Rule(r"nrsfm run experiment=noise method=.*", "dataset=face_yoga noise.level=0.02 noise.repeat=0"),
-    Rule(r"nrsfm run experiment=noise", "dataset=face_yoga noise.level=0.02 noise.repeat=0 method=edsc,ours"),
+    Rule(r"nrsfm run experiment=noise", "dataset=face_yoga noise.level=0.02 noise.repeat=0 method=edsc,adaptive"),
     Rule(r"nrsfm run experiment=gaps", "dataset=face_yoga gaps.share=0.1 method=edsc"),
     Rule(r"nrsfm run experiment=(hopkins155|count_hopkins155)", "dataset.scene=1R2RC", data=True),
     Rule(r"nrsfm run experiment=table[12] .*", "dataset=face_yoga"),
-    Rule(r"nrsfm run experiment=(table1|table2|tables)", "dataset=face_yoga method=edsc,ours"),
+    Rule(r"nrsfm run experiment=(table1|table2|tables)", "dataset=face_yoga method=edsc,adaptive"),
     Rule(r"nrsfm run experiment=table3", "dataset.take=p2_free_2 method=edsc", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=table4", "dataset.face=1", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=two_person", "dataset.take=salsa_01 cameras=known method=edsc", data=True),
@@ -222,8 +223,8 @@ RULES = (
     Rule(r"nrsfm solve .*"),
     Rule(r"nrsfm run (-m )?dataset=tracks .*"),
     # single trials and small sweeps: as they are
-    Rule(r"nrsfm run -m dataset=dance_yoga,face_yoga method=ours,edsc noise.level=0,0.02", data=True),
-    Rule(r"nrsfm run dataset=procedural method=ours", "dataset.points=8 dataset.frames=12", quick=True),
+    Rule(r"nrsfm run -m dataset=dance_yoga,face_yoga method=adaptive,edsc noise.level=0,0.02", data=True),
+    Rule(r"nrsfm run dataset=procedural method=adaptive", "dataset.points=8 dataset.frames=12", quick=True),
     Rule(r"nrsfm run .*"),
     # what reads: after a part of an experiment the rest is missing, which is exit code 2
     Rule(r"nrsfm plan dataset\.points=.*"),

@@ -136,4 +136,4 @@ def test_the_site_is_built_without_a_warning_and_stands_alone(tmp_path: Path) ->
                 assert unquote(to.fragment) in pages[target].names | {""}, (path, link)
     for style in (tmp_path / "site").rglob("*.css"):
         assert not re.search(r"(url\(|@import)\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
-    assert pages[(tmp_path / "site/methods/printed.html")].drawn > 20
+    assert pages[(tmp_path / "site/methods/ours.html")].drawn > 20

@@ -165,7 +165,7 @@ def record(**changes: Any) -> bytes:
         "setting": "fedcba9876543210",
         "status": "ok",
         "dataset": "dance_yoga",
-        "method": "ours",
+        "method": "adaptive",
         "cameras": "known",
         "placement": "paper",
         "motion": "registered",
@@ -181,7 +181,7 @@ def record(**changes: Any) -> bytes:
         "error": "",
         "finished": "2026-01-02T03:04:05.678+00:00",
         "sweep": "quick",
-        "parameters": {"dataset": {"name": "dance_yoga"}, "method": {"name": "ours", "alpha": 1.5}, "gaps": {}},
+        "parameters": {"dataset": {"name": "dance_yoga"}, "method": {"name": "adaptive", "alpha": 1.5}, "gaps": {}},
         "environment": {"python": "3.11.7"},
     }
     return json.dumps({name: value for name, value in (fields | changes).items() if value is not ...}).encode()

@@ -27,7 +27,7 @@ METHODS = [
     AdaptiveMultiBody(max_iter=20),
     MultiBody(max_iter=20),
 ]
-NAMES = ["bmm", "bmm weighted", "ssc2d", "edsc", "bmm_ssc3d", "ssc2d_bmm", "ours", "ours_printed"]
+NAMES = ["bmm", "bmm weighted", "ssc2d", "edsc", "bmm_ssc3d", "ssc2d_bmm", "adaptive", "ours"]
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_what_is_hidden_plays_no_part(small_scene: Scene, visible: Mask, method:
                 np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("method", [BMM(tol=1e-6), MultiBody(max_iter=100)], ids=["bmm", "ours_printed"])
+@pytest.mark.parametrize("method", [BMM(tol=1e-6), MultiBody(max_iter=100)], ids=["bmm", "ours"])
 def test_hidden_points_are_reconstructed(small_scene: Scene, visible: Mask, method: Method) -> None:
     """Their error is of the order of what the same method has without gaps, and far below that of knowing nothing."""
     assert small_scene.cameras is not None and small_scene.structure is not None

@@ -172,7 +172,7 @@ def test_registry_builds_nested_methods() -> None:
     [
         ({"algorithm": "magic"}, "magic"),
         ({}, "None"),
-        ({"algorithm": "ours", "l3": 1}, "l3"),
+        ({"algorithm": "adaptive", "l3": 1}, "l3"),
         ({"algorithm": "cluster_tracks"}, "clusterer"),
         ({"algorithm": "ssc"}, "part of methods"),
     ],

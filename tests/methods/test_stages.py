@@ -31,8 +31,8 @@ class Listener:
 
 
 WAYS = {
-    "ours": (["weights", "structure and code", "clustering"], {"weights", "structure and code"}),
-    "ours_printed": (["structure and code", "clustering"], {"structure and code"}),
+    "adaptive": (["weights", "structure and code", "clustering"], {"weights", "structure and code"}),
+    "ours": (["structure and code", "clustering"], {"structure and code"}),
     "bmm": (["structure"], {"structure"}),
     "pta": (["structure"], set()),
     "ssc2d": (["clustering"], set()),
@@ -54,7 +54,7 @@ def test_every_method_reports_its_stages(name: str, small_scene: Scene) -> None:
     assert (listener.stages, listener.counted) == WAYS[name]
 
 
-@pytest.mark.parametrize("name", ["ours", "ours_printed", "ssc2d"])
+@pytest.mark.parametrize("name", ["adaptive", "ours", "ssc2d"])
 def test_gaps_are_a_stage(name: str, small_scene: Scene) -> None:
     ((trial, _),) = expand([f"method={name}"])
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})

@@ -55,7 +55,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("report --quiet table1 --c", ["--claims"]),
         ("report table1 --folder out conv", ["convergence"]),
         ("bless ", ["quick", "tables"]),
-        ("solve tracks.npz --method ours_ap", ["ours_apart"]),
+        ("solve tracks.npz --method adaptive_ap", ["adaptive_apart"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
         ("solve tracks.npz method.max_", ["method.max_iter="]),
         ("bless quick comp", ["compare=", "compare."]),
@@ -73,7 +73,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("run noise=", ["noise=gaussian"]),
         ("run rerun=", ["rerun=none", "rerun=failed", "rerun=stale", "rerun=all"]),
         ("run limits.seconds=", ["limits.seconds=3600"]),
-        ("run dataset=dance_yoga method=edsc,ou", [*(f"method=edsc,{n}" for n in ("ours", "ours_apart"))]),
+        ("run dataset=dance_yoga method=edsc,ou", [f"method=edsc,{n}" for n in ("ours", "ours_c")]),
         ("run method=edsc,edsc_r", ["method=edsc,edsc_raw"]),
         ("run -m exp", ["experiment="]),
         ("plan experiment=dense", [f"experiment=dense{end}" for end in ("", "_full", "_full_99")]),
@@ -82,7 +82,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("run hydra/launcher=jo", ["hydra/launcher=joblib"]),
         ("run 'cameras=", ["cameras=estimated", "cameras=known"]),
         ("solve tracks.npz ", ["threads=", "cameras.", "limits.", "method."]),
-        ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k6", "bmm_ssc3d_share70"]),
+        ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k11", "bmm_ssc3d_share70"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
     ],
 )
@@ -110,7 +110,7 @@ def test_paths_are_completed(ask: Ask, tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_a_choice_has_an_explanation(ask: Ask) -> None:
     methods = ask("run method=")
-    assert methods.keys() > {"method=ours", "method=bmm"}
+    assert methods.keys() > {"method=adaptive", "method=bmm"}
     assert all(methods.values()), methods
 
 

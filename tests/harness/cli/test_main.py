@@ -74,7 +74,7 @@ def test_usage_is_printed(nrsfm: Shell) -> None:
 
 def test_list_names_what_there_is(nrsfm: Shell) -> None:
     out = nrsfm("list").stdout
-    for name in ("ours", "bmm_ssc3d", "dance_yoga", "procedural", "table1", "quick"):
+    for name in ("adaptive", "bmm_ssc3d", "dance_yoga", "procedural", "table1", "quick"):
         assert name in out
 
 
@@ -97,6 +97,6 @@ def test_unwritable_output_is_one_line(nrsfm: Shell, tmp_path: Path) -> None:
 
 
 def test_hydra_flags_work(nrsfm: Shell) -> None:
-    done = nrsfm("run", "--cfg", "job", "method=ours", "method.l1=0.5")
+    done = nrsfm("run", "--cfg", "job", "method=adaptive", "method.l1=0.5")
     assert done.returncode == 0
     assert "l1: 0.5" in done.stdout

@@ -26,7 +26,7 @@ from nrsfm.reports.layouts.baseline import published
 DAY = "2024-05-01"
 
 
-def outcome(dataset: str = "dance_yoga", method: str = "ours", **more: Any) -> Outcome:
+def outcome(dataset: str = "dance_yoga", method: str = "adaptive", **more: Any) -> Outcome:
     """A finished trial with 3 of 116 tracks wrong."""
     metrics = {"e_ms": 3 / 116, "n_wrong": 3.0, "e_3d": 0.025, "e_3d_dai": 0.0456, "e_r": 0.01, "e_3d_body_0": 0.02}
     fields: dict[str, Any] = {
@@ -170,7 +170,7 @@ class TestTolerance:
     def test_segmentation_in_tracks(self, blessed: Path, measured: list[Outcome], wrong: int, state: str) -> None:
         chosen = tolerances({"e_ms": {"tracks": 1}})
         found = compare(Baseline.read(blessed), [changed(measured[0], n_wrong=wrong), *measured[1:]], chosen)
-        row = [line for line in found.lines if line.row.startswith("dance_yoga ours") and "noise" not in line.row]
+        row = [line for line in found.lines if line.row.startswith("dance_yoga adaptive") and "noise" not in line.row]
         assert [(line.metric, line.state) for line in row] == [("n_wrong", state)]
 
     def test_numbers_that_need_more_digits_than_are_kept_are_still_the_same(self, tmp_path: Path) -> None:
@@ -330,7 +330,7 @@ class TestBless:
     def test_nothing_or_two_of_one_row(self, tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="nothing to bless"):
             bless([], tmp_path / "b.json", "why", DAY)
-        with pytest.raises(UsageError, match=r"dance_yoga ours .* settings"):
+        with pytest.raises(UsageError, match=r"dance_yoga adaptive .* settings"):
             bless([outcome(), outcome(key="other")], tmp_path / "b.json", "why", DAY)
 
     def test_a_trial_that_two_tables_share_counts_once(self, tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ def test_report_writes_every_format_of_one_table(nrsfm: Shell, grid: str, tmp_pa
     assert {p.suffix for p in folder.glob("quick*")} == {".md", ".html", ".csv", ".json", ".tex"}
     rows = list(csv.DictReader((folder / "quick.csv").open()))
     measured = {r["method"]: r for r in rows if r["metric"] == "e_ms"}
-    assert set(measured) == {"ours", "bmm_ssc3d", "ssc2d_bmm", "ssc2d", "edsc"}
+    assert set(measured) == {"adaptive", "bmm_ssc3d", "ssc2d_bmm", "ssc2d", "edsc"}
     assert all(len(r["trial_key"]) == 16 for r in rows if r.get("trial_key") and ";" not in r["trial_key"])
     assert len(list((folder / "figures").glob("quick_person_face_*.png"))) == 6
     claims = json.loads((folder / "claims.json").read_text())
@@ -151,5 +151,5 @@ def test_report_writes_every_format_of_one_table(nrsfm: Shell, grid: str, tmp_pa
 def test_report_of_nothing_says_so_and_still_writes(nrsfm: Shell, tmp_path: Path) -> None:
     done = nrsfm("report", "table1", "--quiet")
     assert done.returncode == 2
-    assert "56 trials are not run yet" in done.stderr
+    assert "64 trials are not run yet" in done.stderr
     assert "not run" in (tmp_path / "out/report/table1.md").read_text()

@@ -188,7 +188,7 @@ def test_any_method_and_setting(scene: Scene, tmp_path: Path, nrsfm: Shell) -> N
 
 def test_python_takes_settings_methods_and_progress(scene: Scene) -> None:
     seen: list[int] = []
-    few = solve(scene, method="ours", max_iter=3, progress=lambda i, n, r: seen.append(i))
+    few = solve(scene, method="adaptive", max_iter=3, progress=lambda i, n, r: seen.append(i))
     assert seen[-3:] == [1, 2, 3] and few.parameters["max_iter"] == 3 and few.convergence is not None
     assert few.convergence.iterations == 3 and not few.convergence.met
 
@@ -218,7 +218,7 @@ def test_bad_arguments_of_python(scene: Scene) -> None:
         (lambda: solve(scene, cast(int, 2.5)), UsageError, "n_bodies is 2.5"),
         (lambda: solve(scene, 2, cameras="mine"), UsageError, "cameras is 'mine', wanted one of auto"),
         (lambda: solve(scene, 2, method="none"), UsageError, "none"),
-        (lambda: solve(scene, 2, method="ours", speed=9), MethodError, "its hyper-parameters are l1"),
+        (lambda: solve(scene, 2, method="adaptive", speed=9), MethodError, "its hyper-parameters are l1"),
         (lambda: solve("nowhere.npz", 2), DatasetError, "nowhere.npz is not there"),
     )
     for call, kind, said in cases:
@@ -248,7 +248,7 @@ COMMANDS: dict[str, tuple[int, tuple[str, ...]]] = {
     ),
     "mine exists and is no solution of nrsfm solve": (3, ("bare.npz", "--bodies", "2", "--out", "mine")),
     "notes.txt exists and is no solution": (3, ("bare.npz", "--bodies", "2", "--out", "notes.txt")),
-    "'letter.txt', which would be lost": (3, ("bare.npz", "--bodies", "2", "--out", "ours")),
+    "'letter.txt', which would be lost": (3, ("bare.npz", "--bodies", "2", "--out", "shared")),
     "the following arguments are required": (3, ()),
     "cannot be estimated from": (2, ("short.npz", "--bodies", "2")),
 }
@@ -262,9 +262,9 @@ def test_commands_that_cannot_be_carried_out(said: str, scene: Scene, tmp_path: 
     (tmp_path / "bad.npz").write_text("x")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.tex").write_text("years of work")
-    (tmp_path / "ours").mkdir()
-    (tmp_path / "ours/result.json").write_text('{"made_by": "nrsfm solve"}')
-    (tmp_path / "ours/letter.txt").write_text("dear")
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared/result.json").write_text('{"made_by": "nrsfm solve"}')
+    (tmp_path / "shared/letter.txt").write_text("dear")
     code, arguments = COMMANDS[said]
     done = nrsfm("solve", *arguments)
     assert done.returncode == code and said in done.stderr, done.stderr
@@ -350,7 +350,7 @@ def test_killed_while_it_writes_leaves_nothing_half(scene: Scene, tmp_path: Path
 def test_ctrl_c_leaves_one_line(scene: Scene, tmp_path: Path, environment: dict[str, str]) -> None:
     path = to_npz(tmp_path, scene)
     child = started(
-        environment, tmp_path, "solve", str(path), "--method", "ours_printed", "method.max_iter=100000000",
+        environment, tmp_path, "solve", str(path), "--method", "ours", "method.max_iter=100000000",
         "method.tol=1e-300",
     )  # fmt: skip
     until(lambda: cpu(child.pid) > 3)  # it has read the file and iterates
@@ -423,7 +423,7 @@ def test_a_real_pair(cameras: bool, data_folder: Path, tmp_path: Path) -> None:
     object.__setattr__(real, "cameras", real.cameras if cameras else None)
     solution = solve(to_npz(tmp_path, real), 2)
     assert solution.metrics["n_wrong"] == 0
-    assert solution.metrics["e_3d_dai"] == pytest.approx(0.0318 if cameras else 0.068, abs=1e-4 if cameras else 0.02)
+    assert solution.metrics["e_3d_dai"] == pytest.approx(0.0397 if cameras else 0.068, abs=1e-4 if cameras else 0.02)
 
 
 def test_time_is_spent_on_solving(scene: Scene, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from nrsfm.harness.tracking.tracker import Tracker
 from nrsfm.harness.trial.progress import Step
 from tests.shell import ODD, tracked
 
-BLANK = Outcome("", "", "ok", "d", "ours", "known", "", "", 0.0, 0, seconds=2.0)
+BLANK = Outcome("", "", "ok", "d", "adaptive", "known", "", "", 0.0, 0, seconds=2.0)
 
 
 def trials(n: int, method: str = "ours_in_some_variant") -> dict[str, Trial]:

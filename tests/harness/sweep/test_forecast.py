@@ -15,7 +15,7 @@ from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.sweep.forecast import Forecast, History, side_by_side, size_words, time_words
 
-BLANK = Outcome("", "", "ok", "d", "ours", "known", "", "", 0.0, 0)
+BLANK = Outcome("", "", "ok", "d", "adaptive", "known", "", "", 0.0, 0)
 
 
 @pytest.fixture
@@ -34,12 +34,12 @@ def leave(settings: Settings, frames: int, points: int, seconds: float, **change
     return folder
 
 
-def trial(method: str = "ours", cameras: str = "known") -> Trial:
+def trial(method: str = "adaptive", cameras: str = "known") -> Trial:
     return Trial({"name": "d"}, {"name": method}, {"source": cameras}, {"level": 0, "repeat": 0})
 
 
 def history(settings: Settings) -> History:
-    return History(settings, {"ours", "edsc"})
+    return History(settings, {"adaptive", "edsc"})
 
 
 def forecast(settings: Settings, of: Trial | None = None, size: tuple[int, int] = (100, 50)) -> Forecast:

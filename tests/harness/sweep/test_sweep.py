@@ -59,7 +59,7 @@ def test_a_sweep_ends_with_the_table_that_it_filled(nrsfm: Shell) -> None:
 
 
 def test_store_holds_parameters_metrics_curves_and_tags(nrsfm: Shell, tmp_path: Path) -> None:
-    assert nrsfm("run", "method=ours_printed", "dataset.points=8", "dataset.frames=12").returncode == 0
+    assert nrsfm("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)
     client = Tracker(one.uri, tmp_path / "out").client
     run = client.get_run(one.run_id)

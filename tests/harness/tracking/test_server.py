@@ -107,7 +107,7 @@ def test_the_report_is_rebuilt_from_a_server_alone(shell: Shell, server: Server,
 @every_store
 def test_two_sweeps_at_once_write_each_trial_once(environment: dict[str, str], server: Server, tmp_path: Path) -> None:
     words = ("run", "-m", "dataset.points=8", "dataset.frames=12", "dataset.seed=7", *through(server))
-    more = ("method=ours_printed,edsc", "noise.level=0.01", "noise.repeat=0,1,2")
+    more = ("method=ours,edsc", "noise.level=0.01", "noise.repeat=0,1,2")
     both = [started(environment, tmp_path, *words, *more) for _ in range(2)]
     ended = [process.communicate(timeout=600) for process in both]
     assert [process.returncode for process in both] == [0, 0], ended
@@ -115,7 +115,7 @@ def test_two_sweeps_at_once_write_each_trial_once(environment: dict[str, str], s
     client = MlflowClient(server.address)
     kept = records(tmp_path)
     held = [t for t in Tracker(server.address, tmp_path / "out").outcomes() if t.outcome.key in kept]
-    (one,) = [t for t in held if (t.outcome.method, t.outcome.repeat) == ("ours_printed", 1)]
+    (one,) = [t for t in held if (t.outcome.method, t.outcome.repeat) == ("ours", 1)]
     run = client.get_run(one.run_id)
     assert run.info.status == "FINISHED"
     assert (run.data.params["method.l1"], run.data.params["dataset.seed"]) == ("0.003", "7")

@@ -161,7 +161,7 @@ def test_scenes_without_cameras_are_for_methods_that_need_none(tmp_path: Path, s
     file.parent.mkdir(parents=True)
     scipy.io.savemat(file, {"x": x, "s": np.repeat([[1], [2]], 6, axis=0)})
     for words in (["cameras=known"], ["cameras=estimated"]):
-        (trial, _), (ours, _) = expand(["dataset=hopkins155", "dataset.scene=arm", "method=edsc_raw,ours", *words])
+        (trial, _), (ours, _) = expand(["dataset=hopkins155", "dataset.scene=arm", "method=edsc_raw,adaptive", *words])
         outcome, _ = execute(trial, settings)
         assert (outcome.status, outcome.dataset) == ("ok", "hopkins155_arm")
         assert {"e_ms", "n_wrong"} <= outcome.metrics.keys() and "e_3d" not in outcome.metrics
@@ -172,7 +172,7 @@ def test_scenes_without_cameras_are_for_methods_that_need_none(tmp_path: Path, s
 
 def test_no_cameras_are_estimated_for_a_method_that_needs_none(settings: Settings) -> None:
     """Three frames of a plane: no camera can be had from them."""
-    words = ["dataset.points=8", "dataset.frames=2", "cameras=estimated", "method=edsc,ours"]
+    words = ["dataset.points=8", "dataset.frames=2", "cameras=estimated", "method=edsc,adaptive"]
     (edsc, _), (ours, _) = expand(words)
     assert execute(edsc, settings)[0].status == "ok"
     assert "at least 3" in execute(ours, settings)[0].error
@@ -193,17 +193,17 @@ def test_hopkins155_asks_for_every_scene() -> None:
         ["experiment=table1", "dataset.motion=native", "dataset.placement=[3,0,0]"],
         ["experiment=quick"],
         ["experiment=single_body"],
-        ["method=ours,edsc,bmm_ssc3d", "dataset=procedural,dance_yoga", "cameras=known,estimated"],
+        ["method=adaptive,edsc,bmm_ssc3d", "dataset=procedural,dance_yoga", "cameras=known,estimated"],
         ["experiment=hopkins155", "dataset.scene=arm,three-cars"],
-        ["method=ours,edsc", "noise.level=0,0.02", "+method.how=a"],
+        ["method=adaptive,edsc", "noise.level=0,0.02", "+method.how=a"],
         ["~method.clusterer", "method=edsc", "dataset.points=8,9"],
         ["dataset=mocap_scene", "dataset.bodies=[drink,stretch],[dance,yoga]", "dataset.frames=null,10"],
         ["dataset.name='a b'", "n_bodies=2,3", "cameras=known,estimated"],
-        ["method=ours", "method.l1=${noise.level}", "noise.level=0,0.5"],
+        ["method=adaptive", "method.l1=${noise.level}", "noise.level=0,0.5"],
         ["noise.level=0.1,0.2", "noise={level: 0.5}"],
         ["dataset=mocap_body", "dataset.body=drink,yoga", "method=bmm,pta"],
         ["output=a,b", "noise.level=0,0.1"],
-        ["method=ours,edsc,bmm", "dataset=procedural,dance_yoga", "noise.level=0,0.1", "cameras=known,estimated"],
+        ["method=adaptive,edsc,bmm", "dataset=procedural,dance_yoga", "noise.level=0,0.1", "cameras=known,estimated"],
         ["dataset.bodies=[face],[face,heart]", "dataset.bodies.0=person", "dataset.frames='20',30"],
         ["noise.level=0,0.1", "+method.how=a", "tracking.uri=sqlite:///a.db"],
         ["dataset.points=8,9", "method.l1='0.5',0.25", "limits.seconds=5,null", "dataset.placement=paper,[1,2,3]"],
@@ -350,8 +350,8 @@ def test_impossible_settings_are_refused_before_anything_runs(overrides: list[st
 def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
     full = expand(["experiment=table1"])
     assert len(full) == 56
-    few = expand(["experiment=table1", "method=ours,edsc", "dataset=face_yoga", "dataset.motion=native"])
-    assert [(t.dataset["name"], t.method["name"]) for t, _ in few] == [("face_yoga", "ours"), ("face_yoga", "edsc")]
+    few = expand(["experiment=table1", "method=adaptive,edsc", "dataset=face_yoga", "dataset.motion=native"])
+    assert [(t.dataset["name"], t.method["name"]) for t, _ in few] == [("face_yoga", "adaptive"), ("face_yoga", "edsc")]
     assert {t.dataset["motion"] for t, _ in few} == {"native"}
 
 

@@ -114,20 +114,25 @@ def test_block_diagonal() -> None:
     assert verdict(8, [*runs[1:], run(PAIRS[0], "ours", between=0.2)]) == NOT_HELD
 
 
-def test_the_neighbour_term_is_the_printed_formulations() -> None:
+def test_the_neighbour_term_helps_on_each_face() -> None:
     runs = [run(f, m, e_3d=e) for f in claims.DENSE for m, e in (("ours_c", 0.05), ("ours_cd", 0.049))]
-    found = judge(Evidence(runs, lambda _: {}))[6].findings
-    assert [finding.verdict for _, finding in found] == [NOT_TESTED, HELD]
+    assert verdict(7, runs) == HELD
+    assert verdict(7, [*runs[:-1], run(claims.DENSE[-1], "ours_cd", e_3d=0.051)]) == NOT_HELD
+    assert verdict(7, runs[:-1]) == NOT_TESTED
 
 
 def test_text_and_data_say_the_same() -> None:
     judged = judge(Evidence([run(pair, "ours", int(pair == PAIRS[2])) for pair in PAIRS], lambda _: {}))
     text, data = claims.text(judged), claims.data(judged)
     assert "1. Ours segments all eight pairs without error." in text
-    assert "✗ Ours: not held. 7 of 8 hold, 1 not; wrong tracks 0 to 1" in text
-    assert data[0]["findings"]["Ours"]["verdict"] == NOT_HELD
-    worst = judged[0].findings[0][1].evidence[0]
+    assert "✗ not held. 7 of 8 hold, 1 not; wrong tracks 0 to 1" in text
+    assert data[0]["verdict"] == NOT_HELD
+    worst = judged[0].finding.evidence[0]
     assert worst == "✗ shark + stretch: wrong tracks: 1"
+
+
+def test_the_adaptive_method_is_no_evidence() -> None:
+    assert verdict(1, [run(pair, "adaptive") for pair in PAIRS]) == NOT_TESTED
 
 
 def test_newest_run_of_a_trial_stands() -> None:

@@ -175,7 +175,7 @@ class TestEveryFormat:
 class TestHtml:
     def test_hostile_text_makes_no_element(self, hostile: Table) -> None:
         judged = judge(Evidence([], lambda _: {}))
-        whole = page([hostile], [], judged, {}, lambda _: {}).replace(plotly(), "")
+        whole = page([hostile], [], judged, [], {}, lambda _: {}).replace(plotly(), "")
         for text in (writers.html(hostile), whole):
             seen = Tags(text).seen
             assert [tag for tag, _ in seen].count("script") == (PROGRAMS if text is whole else 0)
@@ -270,7 +270,7 @@ class TestMarkdown:
     def test_rows_are_as_wide_as_their_table(self, hostile: Table, mixed: Table) -> None:
         for table in (hostile, mixed):
             blocks = re.findall(r"(?:^\|.*\|\n)+", writers.markdown(table), re.MULTILINE)
-            assert len(blocks) == 1 + len(table.metrics)
+            assert len(blocks) == 1 + (table.literature is not None) + len(table.metrics)
             for block in blocks:
                 widths = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
                 assert len(widths) == 1

@@ -14,8 +14,8 @@ def test_columns_are_the_settings_that_no_row_tells() -> None:
     assert headings("method=ours,edsc", "dataset.frames=12,24", "noise.level=0,0.02") == ["ours", "edsc"]
     found = headings("method=ours,edsc", "dataset.points=8,9")
     assert sorted(found) == ["EDSC, points 8", "EDSC, points 9", "Ours, points 8", "Ours, points 9"]
-    found = headings("method=ours", "method.whitening=[0.5,0.5],[0.7,0.5]", "cameras=known,estimated")
-    assert len(found) == 2 and all(name.startswith("Ours, whitening [") for name in found)
+    found = headings("method=adaptive", "method.whitening=[0.5,0.5],[0.7,0.5]", "cameras=known,estimated")
+    assert len(found) == 2 and all(name.startswith("Adaptive (this project), whitening [") for name in found)
     assert headings("method=ours", "cameras=estimated", "cameras.rank=5,6") == ["Ours, rank 5", "Ours, rank 6"]
 
 

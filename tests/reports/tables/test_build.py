@@ -12,6 +12,7 @@ import pytest
 import nrsfm.reports.paper
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.formats import documents as writers
 from nrsfm.reports.layouts import published
 from nrsfm.reports.layouts.baseline import wrong_tracks
 from nrsfm.reports.layouts.index import LAYOUTS
@@ -429,3 +430,21 @@ class TestNotes:
         table = build("table1", [answer(d, "ours", 0, run_id="a/b", uri=uri) for d, uri in uris.items()])
         links = [cell(table, d, "ours").runs[0].link for d in uris]
         assert links == ["https://host:5000/mlflow/#/runs/a%2Fb", "", "", "", ""]
+
+
+class TestLiterature:
+    def test_other_papers_numbers_stand_beside_without_a_verdict(self, table2_answers: Answers) -> None:
+        table = build("table2", table2_answers)
+        assert table.literature is not None
+        rows = dict(table.literature.rows)
+        assert rows["Dance + Yoga"] == ("0.078", "0.052", "0.043")
+        assert rows["Mean"][2] == "0.0384"
+        assert table.published == 48  # the paper's own numbers alone are judged
+        for ending, render in writers.FORMATS.items():
+            assert ("Zhu et al. 2014" in render(table)) == (ending in (".md", ".html", ".json")), ending
+
+    def test_a_table_without_its_rows_has_none_of_their_numbers(self, answer: MakeAnswer) -> None:
+        table = build("single_body", [answer("yoga", "bmm", None)])
+        assert table.literature is not None
+        labels = [label for label, _ in table.literature.rows]
+        assert labels[-1] == "Mean" and "yoga" in labels
