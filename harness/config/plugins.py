@@ -7,6 +7,7 @@ added to Hydra's search path, after the harness's own. The package is not import
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Iterator
 from importlib import resources
@@ -38,7 +39,7 @@ def folders() -> dict[str, Path]:
 
 
 def choices(group: str) -> dict[str, tuple[str, str]]:
-    """The choices of a configuration group: name -> the first comment line of its file, and its package.
+    """The choices of a configuration group: name -> the first sentence of its file's comment, and its package.
 
     The package is "" for the harness itself. Of files of the same name, the first in the search path is used.
     """
@@ -47,11 +48,17 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
         if (folder := tree / group).is_dir():
             for file in folder.iterdir():
                 if file.name.endswith(".yaml"):
-                    lines = file.read_bytes().decode(errors="replace").splitlines()
-                    comments = [line[1:].strip() for line in lines if line.startswith("# ")]
-                    comments = [c for c in comments if not c.startswith("@package")]
-                    described.setdefault(file.name.removesuffix(".yaml"), (comments[0] if comments else "", package))
+                    sentence = _first_sentence(file.read_bytes().decode(errors="replace"))
+                    described.setdefault(file.name.removesuffix(".yaml"), (sentence, package))
     return dict(sorted(described.items()))
+
+
+def _first_sentence(text: str) -> str:
+    """The first sentence of the comment that a yaml file begins with, which may go over several lines."""
+    lines = itertools.takewhile(lambda line: line.startswith("#"), text.splitlines())
+    prose = itertools.takewhile(lambda line: not line.startswith("#  "), (x for x in lines if "@package" not in x))
+    comment = " ".join(line[1:].strip() for line in prose)
+    return re.split(r"(?<!\bal\.)(?<=\.)\s", comment, maxsplit=1)[0]
 
 
 def check_choices(overrides: Iterable[str]) -> None:
