@@ -71,7 +71,8 @@ class BMM(Method):
 
     def fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
         """The (F, 3, P) structure of centred tracks."""
-        return fit_shape(W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress).structure
+        shape = fit_shape(W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
+        return shape.structure
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """Bytes of ten arrays of 3F x P, as measured."""

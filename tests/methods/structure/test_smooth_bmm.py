@@ -13,7 +13,7 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import e_3d
 from nrsfm.methods.base import Array, MethodError, Observations, standardise
 from nrsfm.methods.structure.bmm import BMM, fit_shape
-from nrsfm.methods.structure.smooth_bmm import IMAGES, Smoothness, SmoothBMM, fit_smooth
+from nrsfm.methods.structure.smooth_bmm import IMAGES, SmoothBMM, Smoothness, fit_smooth
 from tests.methods.parts import observed, present
 
 
