@@ -76,6 +76,11 @@ class AdaptiveProblem(Problem):
         """L g(S)."""
         return self.smoothness.apply(S)
 
+    def images(self, state: State) -> Array:
+        """U."""
+        U: Array = state.U
+        return U
+
     def motion(self, state: State) -> Array:
         """X, (r, P)."""
         return whiten(self.Q, self.w, state.U) / self.d

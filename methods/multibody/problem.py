@@ -97,6 +97,10 @@ class Problem:
         """The (F, 3, P) array of S whose nuclear norm is taken: S itself."""
         return S
 
+    def images(self, state: State) -> Array:
+        """What the data term compares the tracks with, (F, 2, P): R S."""
+        return self.cameras @ state.S
+
     def penalty(self, state: State, name: str) -> float:
         """The penalty of a constraint, by the name of its gap."""
         return state.b
@@ -141,7 +145,7 @@ def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -
     """Algorithm 1: iterate until the infinity norms of all gaps are below the tolerance.
 
     Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
-    R S + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so the
+    images + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so the
     data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
 
     Returns
@@ -154,7 +158,7 @@ def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -
         start = time.process_time()
         state, gaps = iterate(problem, replace(state, b=b))
         if visible is not None:
-            problem = replace(problem, W=fill(problem.W, problem.cameras @ state.S, visible))
+            problem = replace(problem, W=fill(problem.W, problem.images(state), visible))
         history["seconds"].append(time.process_time() - start)
         history["operations"].append(problem.operations(state))
         history["objective"].append(problem.objective(state))

@@ -36,12 +36,12 @@ def measured(scene: Scene, method: str) -> dict[str, float]:
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_bmm_and_ours(data_folder: Path, pair: str) -> None:
-    """BMM within 5 % of its reference; ours without a wrong track and level with BMM."""
+    """BMM within 5 % of its reference; ours without a wrong track and nearer to the truth by a quarter at least."""
     pair_scene = scene(data_folder, pair)
     bmm, ours = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
     assert bmm["e_3d_dai"] == pytest.approx(BMM[pair], rel=0.05)
     assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
+    assert ours["e_3d_dai"] < 0.75 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["dance_yoga", "stretch_yoga"])
@@ -50,7 +50,7 @@ def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str)
     noisy = scene(data_folder, pair).with_noise(0.01, 0)
     bmm, ours = measured(noisy, "bmm"), measured(noisy, "adaptive")
     assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
+    assert ours["e_3d_dai"] < 0.7 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["shark_stretch", "shark_yoga"])
