@@ -145,8 +145,8 @@ def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -
     """Algorithm 1: iterate until the infinity norms of all gaps are below the tolerance.
 
     Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
-    images + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so the
-    data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
+    images + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so
+    the data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
 
     Returns
     -------
