@@ -7,6 +7,7 @@
 # make test-server  tracking on PostgreSQL, which is installed first where apt-get can do it
 # make test-site  the documentation is built without a warning, and its links lead somewhere
 # make docs     the documentation as a site, in build/docs
+# make picture the moving picture of the README, in docs/dancers.gif
 # make dist     the wheel and the source distribution, in dist/
 # make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
 # make hooks    run lint, types and import contracts at every commit, by pre-commit
@@ -24,7 +25,7 @@ apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update -
 TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
 
 .PHONY: help tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres \
-  bench fuzz docs dist hooks format clean
+  bench fuzz picture docs dist hooks format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -100,6 +101,9 @@ fuzz: $(INSTALLED)
 	$(PIP) --editable '.[dev,fuzz]'
 	FUZZ_EXAMPLES=$(FUZZ_EXAMPLES) $(BIN)/pytest tests/fuzz --numprocesses=0
 	FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m tests.fuzz.coverage
+
+picture: $(INSTALLED)
+	$(BIN)/python -m tests.documents.picture docs/dancers.gif
 
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html --doctree-dir build/doctrees docs build/docs

@@ -92,39 +92,6 @@ def spread(structure: Array) -> float:
     return float(np.nanstd(structure, axis=2).mean())
 
 
-def register(structure: Array, rounds: int = 10) -> Array:
-    """Remove a body's own rigid rotation by generalised Procrustes analysis.
-
-    Every frame is rotated onto a reference, without reflections. The reference is the first frame, and in each later
-    round the mean of the rotated frames.
-
-    Parameters
-    ----------
-    structure : (F, 3, P) array
-        Points over time; centred per frame before it is rotated.
-    rounds : int
-        How often the reference is renewed.
-
-    Returns
-    -------
-    (F, 3, P) array
-        Centred and rotated copy.
-
-    References
-    ----------
-    Gower, "Generalized Procrustes analysis", Psychometrika 1975.
-    """
-    S = centre(structure)
-    reference = S[0]
-    for _ in range(rounds):
-        U, _, Vt = np.linalg.svd(np.einsum("ip,fjp->fij", reference, S))
-        flip = np.ones((len(S), 3))
-        flip[:, 2] = np.sign(np.linalg.det(U @ Vt))
-        rotated: Array = ((U * flip[:, None, :]) @ Vt) @ S
-        reference = rotated.mean(axis=0)
-    return rotated
-
-
 def upright(structure: Array, vertical: str) -> Array:
     """An (F, 3, P) structure turned so that z points up; ``vertical`` is the axis that does so now."""
     if vertical == "z":

@@ -156,7 +156,9 @@ def cluster(clusterer: BaseEstimator, trajectories: Array, n_bodies: int | None)
     samples = trajectories.reshape(-1, trajectories.shape[-1]).T
     try:
         fitted = clone(clusterer).set_params(n_clusters=n_bodies).fit(samples)
-    except ValueError as error:
+    except MethodError:
+        raise
+    except ValueError as error:  # of scikit-learn's checks
         raise MethodError(f"{type(clusterer).__name__}: {error}") from error
     return fitted.labels_, fitted.affinity_matrix_
 

@@ -27,11 +27,13 @@ from nrsfm.methods.multibody.printed import MultiBody
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from nrsfm.methods.structure.bmm import BMM
 from nrsfm.methods.structure.pta import PTA
+from nrsfm.methods.structure.smooth_bmm import SmoothBMM
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "adaptive": AdaptiveMultiBody,
     "ours": MultiBody,
     "bmm": BMM,
+    "smooth_bmm": SmoothBMM,
     "pta": PTA,
     "ssc": SSC,
     "ssc_omp": SSCOMP,

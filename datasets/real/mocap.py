@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrsfm.datasets.body import Array, Body, no_edges, register
+from nrsfm.datasets.body import Array, Body, no_edges
 from nrsfm.datasets.composition import compose, placement_of
 from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.generated.motion import VERSION
 from nrsfm.datasets.generated.procedural import stand_in as generated_body
 from nrsfm.datasets.public.catalogue import sha256
 from nrsfm.datasets.readers.matfile import read_mat
+from nrsfm.datasets.registration import REGISTRATIONS
 from nrsfm.datasets.scene import Scene
 
 
@@ -29,17 +30,17 @@ class Recording:
     """File, size and layout of a sequence.
 
     ``layout`` is ``interleaved``, field S (3F, P) with rows x, y, z for each frame; or ``blocks``, field P3_gt (3F, P)
-    with F rows of x, then of y, then of z. ``registered`` is how the body's own rotation is removed: in the file
-    (``stored``), by Procrustes analysis (``procrustes``), or in a second file that holds the registered shape
-    (``cameras``). ``camera`` is that of the published reconstructions: ``Rs``, the field with a camera for each frame,
-    or the two axes of a fixed camera's image.
+    with F rows of x, then of y, then of z. ``registered`` is the file that holds the body without its own rotation: the
+    same, another, or "" for none; then the rotation is removed by a rule of
+    :data:`nrsfm.datasets.registration.REGISTRATIONS`. ``camera`` is that of the published reconstructions: ``Rs``, the
+    field with a camera for each frame, or the two axes of a fixed camera's image.
     """
 
     file: str
     n_frames: int
     n_points: int
     layout: str = "interleaved"
-    registered: str = "stored"
+    registered: str = ""
     camera: str = "Rs"
 
     @property
@@ -47,18 +48,19 @@ class Recording:
         return "z" if self.layout == "interleaved" else "y"
 
 
+SHARK_CAMERAS = "jaws_cameras.mat"
+
 SEQUENCES: Mapping[str, Recording] = {
-    "drink": Recording("drink.mat", 1102, 41),
-    "pickup": Recording("pickup.mat", 357, 41),
-    "yoga": Recording("yoga.mat", 307, 41),
-    "stretch": Recording("stretch.mat", 370, 41),
-    "dance": Recording("dance.mat", 264, 75, registered="procrustes", camera="yz"),
-    "face": Recording("face.mat", 316, 40, layout="blocks", registered="procrustes", camera="xy"),
-    "walking": Recording("walking.mat", 260, 55, layout="blocks", registered="procrustes", camera="xy"),
-    "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered="cameras", camera="xy"),
+    "drink": Recording("drink.mat", 1102, 41, registered="drink.mat"),
+    "pickup": Recording("pickup.mat", 357, 41, registered="pickup.mat"),
+    "yoga": Recording("yoga.mat", 307, 41, registered="yoga.mat"),
+    "stretch": Recording("stretch.mat", 370, 41, registered="stretch.mat"),
+    "dance": Recording("dance.mat", 264, 75, camera="yz"),
+    "face": Recording("face.mat", 316, 40, layout="blocks", camera="xy"),
+    "walking": Recording("walking.mat", 260, 55, layout="blocks", camera="xy"),
+    "shark": Recording("jaws.mat", 240, 91, layout="blocks", registered=SHARK_CAMERAS, camera="xy"),
 }
 
-SHARK_CAMERAS = "jaws_cameras.mat"
 MOTIONS = ("registered", "native")
 
 
@@ -72,8 +74,7 @@ def recording(name: str) -> Recording:
 def file_of(name: str, motion: str = "registered") -> str:
     """The file, relative to the data folder, that :func:`load_body` reads."""
     source = recording(name)
-    registered_apart = motion == "registered" and source.registered == "cameras"
-    return f"mocap/{SHARK_CAMERAS if registered_apart else source.file}"
+    return f"mocap/{(motion == 'registered' and source.registered) or source.file}"
 
 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
@@ -82,6 +83,7 @@ def load(settings: Mapping[str, Any], folder: Path) -> Scene:
         folder,
         settings["bodies"],
         motion=settings["motion"],
+        registration=settings["registration"],
         stand_in=settings["stand_in"],
         n_frames=settings["frames"],
         **placement_of(settings),
@@ -100,7 +102,9 @@ def body_digest(folder: Path, name: str, motion: str, stand_in: bool) -> str:
     return VERSION if stand_in and not path.is_file() else sha256(existing(path))
 
 
-def load_body(folder: Path, name: str, motion: str = "registered", stand_in: bool = False) -> Body:
+def load_body(
+    folder: Path, name: str, motion: str = "registered", registration: str = "turn", stand_in: bool = False
+) -> Body:
     """Read one sequence.
 
     Parameters
@@ -110,7 +114,10 @@ def load_body(folder: Path, name: str, motion: str = "registered", stand_in: boo
     name : str
         One of :data:`SEQUENCES`.
     motion : {"registered", "native"}
-        ``registered`` removes the body's own rigid rotation; ``native`` takes the file as it is.
+        ``registered`` takes the body without its own rotation; ``native`` takes the sequence's file as it is.
+    registration : {"procrustes", "turn", "stored"}
+        The rule of :data:`nrsfm.datasets.registration.REGISTRATIONS` for registered bodies that no file holds without
+        their rotation.
     stand_in : bool
         Generate a body of the same size if the file is not there.
 
@@ -119,10 +126,12 @@ def load_body(folder: Path, name: str, motion: str = "registered", stand_in: boo
     MissingData
         If the file is not there.
     DatasetError
-        If it cannot be read, its layout is not the documented one, or the name or motion is unknown.
+        If it cannot be read, its layout is not the documented one, or the name, motion or registration is unknown.
     """
     if motion not in MOTIONS:
         raise DatasetError(f"dataset.motion is {motion!r}, wanted one of {', '.join(MOTIONS)}")
+    if registration not in REGISTRATIONS:
+        raise DatasetError(f"dataset.registration is {registration!r}, wanted one of {', '.join(REGISTRATIONS)}")
     source = recording(name)
     path = folder / file_of(name, motion)
     F, P = source.n_frames, source.n_points
@@ -134,12 +143,12 @@ def load_body(folder: Path, name: str, motion: str = "registered", stand_in: boo
     elif source.layout == "blocks":
         S = expect(path, "P3_gt", read_mat(path, ["P3_gt"]), (3 * F, P)).reshape(3, F, P).transpose(1, 0, 2)
     else:
-        with_bones = source.registered == "stored"
+        with_bones = source.registered == source.file
         fields = read_mat(path, ["S", "list"] if with_bones else ["S"])
         S = expect(path, "S", fields, (3 * F, P)).reshape(F, 3, P)
         edges = _bones(path, fields["list"], P) if with_bones else edges
-    if motion == "registered" and source.registered == "procrustes":
-        S = register(S)
+    if motion == "registered" and not source.registered:
+        S = REGISTRATIONS[registration](S, source.vertical)
     return Body(name, np.ascontiguousarray(S), edges=edges, vertical=source.vertical, digest=sha256(path))
 
 
@@ -165,6 +174,7 @@ def load_scene(
     bodies: Sequence[str],
     *,
     motion: str = "registered",
+    registration: str = "turn",
     stand_in: bool = False,
     turn_upright: bool | Sequence[str] = False,
     **placement: Any,
@@ -173,7 +183,7 @@ def load_scene(
 
     Parameters
     ----------
-    folder, motion, stand_in
+    folder, motion, registration, stand_in
         As for :func:`load_body`.
     bodies : sequence of str
         Names of sequences.
@@ -183,7 +193,7 @@ def load_scene(
     placement
         Further arguments of :func:`nrsfm.datasets.composition.compose`.
     """
-    loaded = [load_body(folder, name, motion, stand_in) for name in bodies]
+    loaded = [load_body(folder, name, motion, registration, stand_in) for name in bodies]
     if isinstance(turn_upright, list):
         if unknown := [name for name in turn_upright if name not in SEQUENCES]:
             raise DatasetError(f"dataset.upright names {unknown[0]!r}, which is none of {', '.join(SEQUENCES)}")

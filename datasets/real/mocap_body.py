@@ -40,7 +40,7 @@ def load_recording(folder: Path, name: str, stand_in: bool = False) -> Body:
     Parameters and exceptions as for :func:`nrsfm.datasets.real.mocap.load_body`. A file whose tracks W are not R S
     raises DatasetError.
     """
-    body = load_body(folder, name, "native", stand_in)
+    body = load_body(folder, name, "native", stand_in=stand_in)
     camera = recording(name).camera
     if body.stand_in:
         return replace(body, cameras=orbit(body.n_frames))

@@ -61,10 +61,15 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(3)
 
     def read(self, argv: Sequence[str]) -> argparse.Namespace:
-        """Parse, with options and words in any order."""
+        """Parse, with options and words in any order; UsageError if an override chooses what there is not."""
         if self._subparsers is not None:  # argparse mixes no words into those
             return self.parse_args(list(argv))
-        return self.parse_intermixed_args(list(argv))
+        options = self.parse_intermixed_args(list(argv))
+        if self.overrides and getattr(options, "config_dir", None) is None:  # such a folder adds choices
+            from nrsfm.harness.config.plugins import check_choices
+
+            check_choices(getattr(options, self.overrides))
+        return options
 
 
 def _aligned(examples: Sequence[str], longest: int = 56) -> list[str]:

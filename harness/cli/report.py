@@ -26,24 +26,27 @@ def main(argv: Sequence[str]) -> int:
         If an experiment or override is unknown, or the tracker cannot be reached.
     """
     options = command_line().read(argv)
+    from nrsfm.harness.config.plugins import check_choices
+
+    names = [word for word in options.words if "=" not in word] or list(REPORTED)
+    check_choices(f"experiment={name}" for name in names)
     from nrsfm.harness.record.outcome import ABSENT, OK
     from nrsfm.reports.claims import claims
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.formats.embed import update_document
 
-    names = [word for word in options.words if "=" not in word] or list(REPORTED)
     report, settings = gather(names, [word for word in options.words if "=" in word])
-    if options.claims:
-        print("\n".join(report.answer), claims.text(report.judged), sep="\n\n", end="")
-    elif not options.quiet:
-        for table in report.tables:
-            console(table)
     folder = options.folder or settings.output / "report"
     report.write(folder)
     if options.into:
         update_document(options.into, report.tables, report.answer)
     if options.figures:
         report.draw(folder / "figures")
+    if options.claims:
+        print("\n".join(report.answer), claims.text(report.judged), sep="\n\n", end="")
+    elif not options.quiet:
+        for table in report.tables:
+            console(table)
     print(report.summary)
     print(f"Written to {folder}; open {folder / 'index.html'}")
     runs = [run for group in report.answers.values() for _, run in group]

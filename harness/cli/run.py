@@ -32,21 +32,17 @@ def main(argv: Sequence[str]) -> int:
     _check(options)
     if options.hydra_help or options.version or options.cfg or options.info:
         return _show(options)
-    from nrsfm.harness.record.outcome import OK
-    from nrsfm.harness.record.text import printable
-    from nrsfm.harness.tracking.writer_process import prepare
-    from nrsfm.harness.trial.isolation import start_server
-
-    start_server()  # libraries load while the configurations are composed
-    writer = prepare()
     from nrsfm.harness.config.spans import Request
-    from nrsfm.harness.sweep.conductor import conduct
 
     search = [f"hydra.searchpath=[file://{options.config_dir.resolve()}]"] if options.config_dir else []
     request = Request.of([*options.overrides, *search])
     if options.run and len(request.trials) > 1:
         raise UsageError(f"--run is for one trial and the overrides span {len(request.trials)}; leave it out")
-    sweep = conduct(request, writer)
+    from nrsfm.harness.record.outcome import OK
+    from nrsfm.harness.record.text import printable
+    from nrsfm.harness.sweep.conductor import conduct
+
+    sweep = conduct(request)
     if sweep.trouble:
         print(f"nrsfm run: {printable(sweep.trouble)}; start it again to run the rest", file=sys.stderr)
     if len(sweep.jobs) > 1 or options.multirun:

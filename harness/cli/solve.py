@@ -38,20 +38,20 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    from nrsfm.harness.config.settings import settings_of
-    from nrsfm.harness.solving.folder import VIEW, check_folder
-    from nrsfm.harness.solving.solve import load, solve
-    from nrsfm.methods.base import MethodError
+    from nrsfm.datasets.readers.trackfile import Asked
+    from nrsfm.datasets.real.tracks import load_tracks
+    from nrsfm.harness.config.plugins import check_choices
 
     n_bodies = _number(options.bodies)
+    check_choices([f"method={options.method}"])
+    asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
+    scene = load_tracks(options.file.expanduser(), asked=asked)  # what can be wrong is found before anything slow is loaded
+    from nrsfm.harness.config.settings import settings_of
+    from nrsfm.harness.solving.folder import VIEW, check_folder
+    from nrsfm.harness.solving.solve import solve
+    from nrsfm.methods.base import MethodError
+
     settings = settings_of([f"method={options.method}"])
-    scene = load(
-        options.file,
-        columns=_columns(options.columns),
-        axes=options.axes,
-        confidence=options.confidence,
-        y=options.y,
-    )
     folder = (options.out or settings.output / "solve" / scene.name).expanduser()
     check_folder(folder)
     arguments = {
@@ -78,6 +78,9 @@ def _solve(options: argparse.Namespace) -> int:
     solution.save(folder)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
+    if options.gif:
+        solution.animate(options.gif)
+        print(f"{'animated in':<13} {options.gif}")
     if options.open:
         import webbrowser
 
@@ -176,5 +179,6 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     parser.add_argument("--confidence", type=float, metavar="C", help="below it a position counts as not observed")
     parser.add_argument("--y", choices=Y, default=AUTO, help="where y points in the image; down in pixels")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="also write a moving picture")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
     return parser

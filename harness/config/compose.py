@@ -14,13 +14,13 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import YAMLError
 
 from nrsfm.harness.config.plugins import folders
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.record.text import printable
+from nrsfm.harness.record.text import did_you_mean, printable
 
 #: What replaces a real sequence that is missing, and which finished trials run again.
 Missing = Literal["error", "stand_in"]
@@ -47,7 +47,12 @@ def one_line(error: BaseException) -> str:
     text = printable(" ".join(lines[:100]) if lines else type(error).__name__)
     if repeated := re.match(r"Multiple values for (\S+)\. To override", text):
         return f"{repeated[1]} has a choice already; replace it with {repeated[1]}=NAME, without +"
-    return re.sub(r" Config search path:.*| Set the environment variable HYDRA_FULL_ERROR=1 .* stack trace\.", "", text)
+    text = re.sub(r" Config search path:.*| Set the environment variable HYDRA_FULL_ERROR=1 .* stack trace\.", "", text)
+    missing = error.__cause__
+    if isinstance(missing, ConfigKeyError | ConfigAttributeError) and OmegaConf.is_dict(missing.parent_node):
+        group = str(missing.full_key).removesuffix(str(missing.key))
+        text += did_you_mean(str(missing.key), map(str, missing.parent_node), group)
+    return text
 
 
 @contextmanager

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from copy import deepcopy
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any, cast
 
 from hydra import compose
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, OverrideType
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -26,8 +27,7 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
     """:func:`resolved` of the configuration of each job, files read as seldom as can be.
 
     Jobs that differ in values alone share one configuration, in which the values are set: Hydra as well merges files
-    first and sets values after. The configuration of several choices of files is put together from those that differ
-    in one, wherever each choice changes keys of its own.
+    first and sets values after. The files of all choices are read in one composition, see :class:`_Composed`.
 
     Raises
     ------
@@ -38,7 +38,9 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
         parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
         parse = cache(lambda word: parser.parse_overrides([word])[0])
         is_group = cache(lambda key: bool(loader.get_group_options(key)))
-        composed: dict[tuple[str, ...], _Composed] = {}
+        read: list[tuple[tuple[str, ...], dict[str, str], list[Override]]] = []
+        alike: dict[tuple[str, ...], list[Mapping[str, str]]] = {}  # choices of the jobs that share configurations
+        asked: dict[tuple[str, ...], list[str]] = {}  # and what they ask of Hydra besides
         for job in jobs:
             overrides: list[Override] = [parse(word) for word in job]
             choices = {
@@ -47,65 +49,99 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
                 if is_group(o.key_or_group) and not isinstance(o.value(), dict)
             }
             others = [o for o in overrides if o.key_or_group not in choices]
-            merged = {_top(o) for o in others if not _is_value(o)}  # these keys want Hydra, in the order given
-            words = [str(o.input_line) for o in others]
-            alike = (*choices, *(str(o.input_line) if _top(o) in merged else o.key_or_group for o in others))
-            values = [o for o in others if _top(o) not in merged]
-            yield composed.setdefault(alike, _Composed(choices, words)).plain(choices, values)
+            tops = {_top(o) for o in others if not _is_value(o)}  # these keys want Hydra, in the order given
+            merged = [str(o.input_line) for o in others if _top(o) in tops]
+            values = [o for o in others if _top(o) not in tops]
+            kind = (*choices, *merged, *(o.key_or_group for o in values))
+            alike.setdefault(kind, []).append(choices)
+            asked[kind] = merged
+            read.append((kind, choices, values))
+        composed = {kind: _Composed(alike[kind], asked[kind]) for kind in alike}
+        for kind, choices, values in read:
+            yield composed[kind].plain(choices, values)
 
 
 class _Composed:
-    """Configurations of jobs that set the same keys, by their choices of files; the values are those of the first."""
+    """Configurations of jobs that choose files in the same groups and set the same keys.
 
-    def __init__(self, first: Mapping[str, str], words: Sequence[str]) -> None:
-        self._first, self._words = first, words
-        self._made: dict[tuple[str, ...], tuple[DictConfig, dict[str, Any]]] = {}
+    The first job's files are composed as Hydra does it. The other choices are composed together, each under a key of
+    its own, and take the place of the first job's, in groups that nothing but their choice touches. Choices in the
+    other groups are composed by Hydra one by one.
+    """
+
+    def __init__(self, jobs: Sequence[Mapping[str, str]], merged: Sequence[str]) -> None:
+        self._first, self._merged = jobs[0], merged
+        self._choices = {group: list(dict.fromkeys(job[group] for job in jobs)) for group in jobs[0]}
+        self._bases: dict[tuple[str, ...], _Base] = {}
         self._fixed: dict[tuple[str, ...], dict[str, Any]] = {}
 
     def plain(self, choices: Mapping[str, str], values: Sequence[Override]) -> dict[str, Any]:
         """The resolved configuration of choices by group and of values; only sections that can change are resolved."""
-        cfg, written = self._compose(choices)
-        for o in values:
-            OmegaConf.update(cfg, o.key_or_group, o.value())
+        base = self._compose(choices)
+        try:
+            for o in values:
+                OmegaConf.update(base.cfg, o.key_or_group, o.value())
+        except OmegaConfBaseException:  # Hydra explains it
+            compose("config", overrides=[*choices.values(), *self._merged, *(str(o.input_line) for o in values)])
+            raise
         words, keys = tuple(choices.values()), {part for o in values for part in o.key_or_group.split(".")}
         simple = "tracking" not in keys and not any(re.search(r"\$|\?{3}", str(o.value())) for o in values)
         if simple and words in self._fixed:
             fixed = self._fixed[words]
             with suppress(OmegaConfBaseException):  # resolved() explains it
-                return {**fixed, **{str(key): _section(cfg[key]) for key in cfg if key not in fixed}}
-        plain = resolved(cfg)
+                return {**fixed, **{str(key): _section(base.cfg[key]) for key in base.cfg if key not in fixed}}
+        plain = resolved(base.cfg)
         changing = {_top(o) for o in values}
-        interpolated = {key: str(section) for key, section in written.items() if "${" in str(section)}
+        interpolated = {key: str(section) for key, section in base.written.items() if "${" in str(section)}
         text = " ".join(interpolated.values())
         if keys.intersection(re.findall(r"\w+", text)) or re.search(r"\$\{[^}]*\$\{", text):
             changing |= interpolated.keys()
         self._fixed[words] = {key: section for key, section in plain.items() if key not in changing}
         return plain
 
-    def _compose(self, choices: Mapping[str, str]) -> tuple[DictConfig, dict[str, Any]]:
-        """A configuration, and as it was written before any value was set."""
-        words = tuple(choices.values())
-        if words not in self._made:
-            cfg = self._combine(choices) or compose("config", overrides=[*words, *self._words])
-            self._made[words] = cfg, _written(cfg)
-        return self._made[words]
+    def _compose(self, choices: Mapping[str, str]) -> _Base:
+        """The configuration of choices; values of the jobs before are still set in it."""
+        apart = self._sections if choices != self._first else {}
+        chosen = {group: self._first[group] if word in apart else word for group, word in choices.items()}
+        words = tuple(chosen.values())
+        if words not in self._bases:
+            cfg = compose("config", overrides=[*words, *self._merged])
+            self._bases[words] = _Base(cfg, _written(cfg), chosen)
+        base = self._bases[words]
+        for group, word in choices.items():
+            if base.choices[group] != word:
+                base.choices[group], base.written[group] = word, self._sections[word]
+                base.cfg[group] = self._sections[word]
+        return base
 
-    def _combine(self, choices: Mapping[str, str]) -> DictConfig | None:
-        """A configuration put together from those that differ from the first in one choice; None if that fails."""
-        changed = [group for group, choice in choices.items() if choice != self._first[group]]
-        if len(changed) < 2:
-            return None
-        combined, before = deepcopy(self._compose(self._first))
-        taken: set[str] = set()
-        for group in changed:
-            part = self._compose({**self._first, group: choices[group]})[1]
-            own = {key for key in part if key not in before or part[key] != before[key]}
-            if part.keys() != before.keys() or own & taken:
-                return None
-            taken |= own
-            for key in own:
-                combined[key] = part[key]
-        return combined
+    @cached_property
+    def _sections(self) -> Mapping[str, Any]:
+        """The section of each choice as written, of the groups that nothing but their choice touches."""
+        touched = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in self._merged}
+        swept = {group: words for group, words in self._choices.items() if len(words) > 1 and group not in touched}
+        keys = {word: f"_{i}" for i, word in enumerate(word for words in swept.values() for word in words)}
+        placed = [f"+{word.replace('=', f'@{key}=', 1)}" for word, key in keys.items()]
+        kept = [word for group, word in self._first.items() if group not in swept]
+        left_out = [f"~{group}" for group in swept]
+        try:
+            together = _written(compose("config", overrides=[*left_out, *placed, *kept, *self._merged]))
+        except (HydraException, OmegaConfBaseException):  # a word is more than GROUP=CHOICE, or files ask for a choice
+            return {}
+        sections = {word: together.pop(key) for word, key in keys.items()}
+        first = self._compose(self._first).written
+        if any(together.get(key) != value for key, value in first.items() if key not in swept):
+            return {}
+        alone = [g for g in swept if g not in together and sections[self._first[g]] == first[g]]
+        return {word: sections[word] for group in alone for word in swept[group]}
+
+
+@dataclass
+class _Base:
+    """A composed configuration, how it is written without values, and the choices that it holds now, by group."""
+
+    cfg: DictConfig
+    written: dict[str, Any]
+    choices: dict[str, str]
 
 
 def resolved(cfg: DictConfig) -> dict[str, Any]:

@@ -7,7 +7,9 @@ added to Hydra's search path, after the harness's own. The package is not import
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+import re
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -15,6 +17,8 @@ from pathlib import Path
 
 from nrsfm import datasets, methods
 from nrsfm.datasets.errors import DatasetError
+from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.text import did_you_mean
 
 
 def installed() -> list[EntryPoint]:
@@ -35,7 +39,7 @@ def folders() -> dict[str, Path]:
 
 
 def choices(group: str) -> dict[str, tuple[str, str]]:
-    """The choices of a configuration group: name -> the first comment line of its file, and its package.
+    """The choices of a configuration group: name -> the first sentence of its file's comment, and its package.
 
     The package is "" for the harness itself. Of files of the same name, the first in the search path is used.
     """
@@ -44,11 +48,38 @@ def choices(group: str) -> dict[str, tuple[str, str]]:
         if (folder := tree / group).is_dir():
             for file in folder.iterdir():
                 if file.name.endswith(".yaml"):
-                    lines = file.read_bytes().decode(errors="replace").splitlines()
-                    comments = [line[1:].strip() for line in lines if line.startswith("# ")]
-                    comments = [c for c in comments if not c.startswith("@package")]
-                    described.setdefault(file.name.removesuffix(".yaml"), (comments[0] if comments else "", package))
+                    sentence = _first_sentence(file.read_bytes().decode(errors="replace"))
+                    described.setdefault(file.name.removesuffix(".yaml"), (sentence, package))
     return dict(sorted(described.items()))
+
+
+def _first_sentence(text: str) -> str:
+    """The first sentence of the comment that a yaml file begins with, which may go over several lines."""
+    lines = itertools.takewhile(lambda line: line.startswith("#"), text.splitlines())
+    prose = itertools.takewhile(lambda line: not line.startswith("#  "), (x for x in lines if "@package" not in x))
+    comment = " ".join(line[1:].strip() for line in prose)
+    return re.split(r"(?<!\bal\.)(?<=\.)\s", comment, maxsplit=1)[0]
+
+
+def check_choices(overrides: Iterable[str]) -> None:
+    """Raise UsageError if ``GROUP=NAME`` or ``GROUP=NAME,NAME`` names a choice without a file; does not load Hydra.
+
+    What is more than names is left to Hydra, and so are all where files are added to its search path.
+    """
+    words = list(overrides)
+    if any(word.startswith("hydra.searchpath=") for word in words):
+        return
+    for word in words:
+        if match := re.fullmatch(r"\+?(\w+)=([\w.-]+(?:,[\w.-]+)*)", word):
+            known = choices(match[1])
+            for name in match[2].split(","):
+                if known and name.removesuffix(".yaml") not in (*known, "null"):
+                    raise UsageError(unknown_choice(match[1], name, known))
+
+
+def unknown_choice(group: str, name: str, known: Iterable[str]) -> str:
+    """A line that says so."""
+    return f"{group} {name!r} is none of {', '.join(known)}{did_you_mean(name, known)}"
 
 
 def faults() -> Iterator[str]:

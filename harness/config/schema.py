@@ -29,7 +29,7 @@ _THINNED = ("take", "range", "stride", "frames", "degrees_per_frame")
 #: The keys of each source of datasets, besides ``source`` and ``name``; other packages' sources take any.
 SOURCE_KEYS: Mapping[str, tuple[str, ...]] = {
     "procedural": ("bodies", "points", "frames", "seed", *_PLACED),
-    "mocap": ("bodies", "motion", "frames", *_PLACED),
+    "mocap": ("bodies", "motion", "registration", "frames", *_PLACED),
     "mocap_body": ("body", "rank", "published_rank"),
     "two_person": _THINNED,
     "take": (*_THINNED, "folder", "persons", "others", "vertical", "video_rate", "least_seen"),

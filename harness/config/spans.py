@@ -16,6 +16,7 @@ from omegaconf import DictConfig
 
 from nrsfm.harness.config.compose import configurations
 from nrsfm.harness.config.jobs import plain_jobs
+from nrsfm.harness.config.plugins import unknown_choice
 from nrsfm.harness.config.settings import Settings, read_plain
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import Trial
@@ -170,4 +171,4 @@ def _check_choices(override: Override) -> None:
     options = GlobalHydra.instance().config_loader().get_group_options(override.key_or_group)
     unknown = [str(v) for v in override.sweep_iterator() if str(v) not in options] if options else []
     if unknown:
-        raise UsageError(f"{override.key_or_group} {unknown[0]!r} is none of {', '.join(options)}")
+        raise UsageError(unknown_choice(override.key_or_group, unknown[0], options))

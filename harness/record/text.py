@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 
 LONGEST = 160
 """Characters of an error message that a table shows."""
@@ -23,6 +24,14 @@ def printable(text: object, longest: int = 2000) -> str:
     """Text for a terminal: on one line, control characters written as escapes, so that none takes effect."""
     clean = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
     return clean if len(clean) <= longest else clean[: longest - 1] + "…"
+
+
+def did_you_mean(word: str, known: Iterable[str], group: str = "") -> str:
+    """``; did you mean ours?`` where one of the known words is near, with ``group`` before it; else ""."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(word, list(known), n=1)
+    return f"; did you mean {group}{near[0]}?" if near else ""
 
 
 def number(value: float, digits: int = DIGITS) -> str:

@@ -14,14 +14,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.matching import matched, readable
 from nrsfm.harness.evaluate.metrics import METRICS, by_frame, evaluate, reprojection_rms
 from nrsfm.harness.record.environment import environment
+from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import pack
 from nrsfm.harness.solving import export, folder
 from nrsfm.methods.base import Array, Labels, Reconstruction
+from nrsfm.reports.figures.skeleton import stable_edges
 from nrsfm.reports.page.solution_page import Shown, view
 
 NO_CAMERAS, FROM_FILE = "no cameras", "the file"
@@ -131,6 +134,13 @@ class Solution:
         """Names of the frames; their places where the file names none."""
         return self.scene.frame_ids or tuple(map(str, range(self.scene.n_frames)))
 
+    @cached_property
+    def edges(self) -> NDArray[np.int64] | None:
+        """(E, 2) pairs of tracks to draw lines between: the file's, or those that keep their distance."""
+        if self.scene.edges is not None or self.structure is None:
+            return self.scene.edges
+        return stable_edges(self.structure, self.labels)
+
     def facts(self) -> list[tuple[str, str]]:
         """Name and text of each line of the summary: sizes, method, bodies, errors, convergence, time."""
         scene = self.scene
@@ -183,6 +193,20 @@ class Solution:
             (new / folder.RESULT).write_text(self._record(), encoding="utf-8")
         return path
 
+    def animate(self, path: str | Path) -> None:
+        """Write a GIF: the tracks in the image beside the bodies in 3D, turning.
+
+        Raises
+        ------
+        UsageError
+            If the method gives no structure.
+        """
+        from nrsfm.reports.figures.animation import animate
+
+        if self.structure is None:
+            raise UsageError(f"{self.method} gives no structure, so there is nothing to animate; choose another method")
+        animate(Path(path), self.scene.tracks, self.structure, self.labels, self.edges)
+
     def show(self) -> Path:
         """Open the 3D view in a browser; returns the path of the page, which is in a temporary folder."""
         path = Path(tempfile.mkdtemp(prefix="nrsfm-")) / folder.VIEW
@@ -210,7 +234,7 @@ class Solution:
                 labels=self.labels,
                 bodies=[readable(body) for body in self.bodies],
                 wrong=wrong,
-                edges=scene.edges,
+                edges=self.edges,
                 affinity=self.affinity,
                 history=self.found.history,
                 errors=frames.get("frame_e_3d"),
@@ -219,7 +243,7 @@ class Solution:
 
     def _write_arrays(self, path: Path) -> None:
         parts = {name: getattr(self, name) for name in ("structure", "labels", "cameras", "affinity")}
-        parts |= {"visible": self.scene.visible, "edges": self.scene.edges, "frame_ids": np.array(self.frames)}
+        parts |= {"visible": self.scene.visible, "edges": self.edges, "frame_ids": np.array(self.frames)}
         parts |= {"track_ids": np.array(self.ids), "bodies": np.array(self.bodies, dtype=str)}
         arrays: dict[str, Any] = pack(parts)
         np.savez_compressed(path, **arrays)

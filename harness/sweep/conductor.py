@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
-from multiprocessing.connection import Connection
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request
@@ -24,7 +23,9 @@ from nrsfm.harness.record.text import one_line
 from nrsfm.harness.sweep.follower import Follower
 from nrsfm.harness.sweep.launcher import Launcher
 from nrsfm.harness.sweep.work import Job, Work
+from nrsfm.harness.tracking.writer_process import prepare
 from nrsfm.harness.trial.identity import identify
+from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
 
@@ -50,11 +51,14 @@ class Sweep:
         return Counter(entry.status for entry in self.entries.values())
 
 
-def conduct(request: Request, writer: Connection) -> Sweep:
-    """Run every trial of a request that is not done; ``writer`` is the tracker's process, from ``prepare()``.
+def conduct(request: Request) -> Sweep:
+    """Run every trial of a request that is not done.
 
     Raises UsageError if the launcher cannot be used: nothing has run then.
     """
+    if len(list(request.settings.trials.glob("*/"))) < len(request.trials):  # some trial is due
+        start_server()  # libraries load while the trials are identified
+        prepare()
     sweep = request.settings.sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
     jobs: dict[str, Job] = {}
     for trial, settings in request.trials:
@@ -68,7 +72,7 @@ def conduct(request: Request, writer: Connection) -> Sweep:
     trials = {key: job.trial for key, job in jobs.items()}
     left = [job for job in jobs.values() if job.due]
     done = trials.keys() - {job.identity.key for job in left}
-    with _interruptible(), Follower(settings, trials, done, writer) as follower:
+    with _interruptible(), Follower(settings, trials, done) as follower:
         trouble = _run_all(left, settings, launcher)
     return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 

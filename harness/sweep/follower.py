@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Collection, Iterable, Mapping
-from multiprocessing.connection import Connection
 from types import TracebackType
 
 from rich.console import Console
@@ -28,14 +27,12 @@ class Follower:
     sweep, by key; those of the keys ``before`` are done when it begins. ``entries`` holds the ended ones, by key.
     """
 
-    def __init__(
-        self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str], ready: Connection
-    ) -> None:
+    def __init__(self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str]) -> None:
         self.settings = settings
         self.trials = trials
         self.entries: dict[str, Entry] = {}
         self._before = [key for key in trials if key in before]
-        self._writer = Writer(settings, ready)
+        self._writer = Writer(settings)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         self._journal = journal(settings.output, settings.sweep)
         self._offset = self._journal.stat().st_size if self._journal.is_file() else 0  # of an earlier sweep's lines

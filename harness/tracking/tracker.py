@@ -19,6 +19,7 @@ from nrsfm.harness.record.folder import ARRAYS, LOG, RESULT, TRACEBACK, TRACKED,
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.tracking.errors import explain
+from nrsfm.harness.tracking.fresh_store import make_store
 from nrsfm.harness.tracking.mlflow_fields import curve_points, parameters, record_tags, record_text, tags
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ for _name, _value in {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",  # a repeated request can make a run twice
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
+    "MLFLOW_SQLALCHEMYSTORE_POOLCLASS": "NullPool",  # a kept connection would write into a file that was removed
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
 }.items():
@@ -80,11 +82,8 @@ class Tracker:
         artifacts = None
         if path := self._file:
             artifacts = (self.output / "artifacts").as_uri()
-            if not path.exists():  # made under another name first: a kill leaves no half-made store
-                fresh = path.with_name(f".{path.name}.new")
-                fresh.unlink(missing_ok=True)
-                MlflowClient(f"sqlite:///{fresh}").create_experiment(EXPERIMENT, artifacts)
-                fresh.replace(path)
+            if not path.exists():
+                make_store(path)
             with closing(sqlite3.connect(path)) as db:
                 db.execute("PRAGMA journal_mode=WAL")
         client = MlflowClient(self.uri, registry_uri=self.uri)

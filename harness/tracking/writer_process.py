@@ -5,17 +5,18 @@ from __future__ import annotations
 import contextlib
 import importlib
 import multiprocessing
+import os
 import signal
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nrsfm.harness.config.address import shown
+from nrsfm.harness.config.address import SECRETS, shown
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.tracking.tracker import Tracker, damage
-from nrsfm.harness.trial.isolation import start_process
+from nrsfm.harness.trial.isolation import start_process, with_environment
 
 if TYPE_CHECKING:
     from nrsfm.harness.config.settings import Settings
@@ -25,17 +26,19 @@ SILENCE = 60.0  # seconds without a written trial, once the sweep is over, after
 FINAL_TRIES = 2  # failed writes in a row, once the sweep is over, after which the tracker is given up
 LIVES = 3  # how often the writer process may be lost
 
+#: Connections to processes that have loaded MLflow and wait for a sweep; they end with this process.
+_IDLE: list[Connection] = []
+
 
 class Writer:
     """Writes trials to the tracker while the sweep goes on, in the order of :meth:`put`.
 
     While the tracker fails, one trial is tried every ``RETRY_AFTER`` seconds. A trial whose own files are damaged is
     left out. A writer process that is killed is started again. A trial is written once whatever happens, see
-    :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. For use by one thread. ``ready``, a process of :func:`prepare`,
-    is closed by :meth:`finish`, used or not.
+    :meth:`nrsfm.harness.tracking.tracker.Tracker.log`. For use by one thread.
     """
 
-    def __init__(self, settings: Settings, ready: Connection) -> None:
+    def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._uri = shown(settings.tracking_uri)
         self._tracker_error = ""
@@ -46,7 +49,6 @@ class Writer:
         self._next_try = 0.0
         self._last_answer = 0.0
         self._failures = 0  # in a row
-        self._ready: Connection | None = ready
         self._pipe: Connection | None = None
 
     @property
@@ -56,9 +58,12 @@ class Writer:
 
     def start(self) -> None:
         """Have the process open the store, without waiting for it."""
-        self._pipe, self._ready = self._ready or prepare(), None
+        prepare()
+        self._pipe = _IDLE.pop()
+        settings = self._settings
+        variables = {name: os.environ.get(name) for name in SECRETS}
         try:
-            self._pipe.send((self._settings.tracking_uri, self._settings.output, self._settings.trials))
+            self._pipe.send((settings.tracking_uri, settings.output, settings.trials, variables))
         except OSError:
             self._lost()
 
@@ -82,9 +87,13 @@ class Writer:
             if time.monotonic() - self._last_answer > SILENCE:
                 self._tracker_error = f"tracker {self._uri}: it took no trial for {SILENCE:g} s"
                 break
-        for pipe in (self._pipe, self._ready):
-            if pipe is not None:
-                pipe.close()
+        if self._pipe is not None and not self._sent:
+            with contextlib.suppress(OSError):  # it was lost
+                self._pipe.send(None)
+                _IDLE.append(self._pipe)
+        elif self._pipe is not None:
+            self._pipe.close()
+        self._pipe = None
 
     def _send(self, keys: list[str]) -> None:
         if self._pipe is None:
@@ -129,32 +138,39 @@ class Writer:
             self._tracker_error = f"tracker {self._uri}: its writer was lost {LIVES} times"
 
 
-def prepare() -> Connection:
-    """Start the writer process, which takes seconds to import MLflow, before its settings are known."""
-    pipe, child_end = multiprocessing.Pipe()
-    start_process(_serve, child_end)
-    child_end.close()
-    return pipe
+def prepare() -> None:
+    """Start a writer process unless one is idle; it takes seconds to import MLflow, so this is done early."""
+    if not _IDLE:
+        pipe, child_end = multiprocessing.Pipe()
+        start_process(_serve, child_end)
+        child_end.close()
+        _IDLE.append(pipe)
 
 
 def _serve(pipe: Connection) -> None:
-    """The process: reads lists of keys and answers each key with the tracker's error and the trial's, "" for none.
-
-    An error of the tracker drops the rest of a list. The process ends when the other end of the pipe is closed.
-    """
+    """The process: writes for one sweep after the other, until the other end of the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     importlib.import_module("mlflow.store.tracking.sqlalchemy_store")
     with contextlib.suppress(EOFError, OSError):
-        uri, output, trials = pipe.recv()
-        tracker = Tracker(uri, output)
-        with contextlib.suppress(UsageError):
-            _ = tracker.client
         while True:
-            for key in pipe.recv():
-                errors = _write(tracker, trials / key)
-                pipe.send((key, *errors))
-                if errors[0]:
-                    break
+            uri, output, trials, variables = pipe.recv()
+            with with_environment(variables):
+                _serve_sweep(pipe, Tracker(uri, output), trials)
+
+
+def _serve_sweep(pipe: Connection, tracker: Tracker, trials: Path) -> None:
+    """Read lists of keys until None and answer each key with the tracker's error and the trial's, "" for none.
+
+    An error of the tracker drops the rest of a list.
+    """
+    with contextlib.suppress(UsageError):
+        _ = tracker.client
+    while (keys := pipe.recv()) is not None:
+        for key in keys:
+            errors = _write(tracker, trials / key)
+            pipe.send((key, *errors))
+            if errors[0]:
+                break
 
 
 def _write(tracker: Tracker, folder: Path) -> tuple[str, str]:

@@ -1,11 +1,13 @@
 """Imports and look-ups that every trial needs, done once by the server that forks the trials."""
 
-import scipy.io  # noqa: F401, reads the sequences
+from importlib import import_module
 
-from nrsfm.datasets import registry as datasets
 from nrsfm.harness.record.environment import environment
-from nrsfm.methods import registry as methods
+from nrsfm.harness.record.imports import import_late
 
+import_late()
+for name in ("nrsfm.harness.trial.worker", "scipy.io", "sklearn.cluster"):  # the last two read and cluster tracks
+    import_module(name)
 environment()
-methods.others()
-datasets.others()
+for package in ("methods", "datasets"):
+    import_module(f"nrsfm.{package}.registry").others()

@@ -12,7 +12,8 @@ from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
 from nrsfm.methods.base import Array, Labels
-from nrsfm.methods.clustering.spectral import spectral_clustering, unit_rows
+from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.numerics.linear import unit_rows
 
 Code: TypeAlias = Array | sp.sparray
 
@@ -32,6 +33,7 @@ class SubspaceClusterer(ClusterMixin, BaseEstimator):  # type: ignore[misc]
 
     n_clusters: int | None
     seed: int
+    cut: str = "means"  #: of :data:`nrsfm.methods.clustering.spectral.CUTS`
     code_: Any
     affinity_matrix_: Any
     labels_: Labels
@@ -43,7 +45,7 @@ class SubspaceClusterer(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         self.code_ = self._express(points.T)
         n_clusters = self._count() if self.n_clusters is None else self.n_clusters
         self.affinity_matrix_ = self._affinity(n_clusters)
-        self.labels_ = spectral_clustering(self.affinity_matrix_, n_clusters, seed=self.seed)
+        self.labels_ = spectral_clustering(self.affinity_matrix_, n_clusters, seed=self.seed, cut=self.cut)
         return self
 
     @abstractmethod

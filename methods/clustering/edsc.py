@@ -7,9 +7,9 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 import scipy.linalg
 
-from nrsfm.methods.base import Array, check_count, check_positive
+from nrsfm.methods.base import Array, check_count, check_positive, check_word
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer, shape_interaction
-from nrsfm.methods.clustering.spectral import MOST, eigengaps
+from nrsfm.methods.clustering.spectral import CUTS, MOST, eigengaps
 
 
 @dataclass(eq=False, repr=False)
@@ -21,15 +21,17 @@ class EDSC(SubspaceClusterer):
     n_clusters : int or None
         None takes the number n with the widest eigengap at n of the affinity for n clusters.
     weight : float
-        Lambda, the weight of the data term.
+        Lambda, the weight of the data term: 120 for rigid motion in the authors' experiments.
     affine : bool
         Demand that each column of the code sums to one.
     dimension : int
-        Assumed dimension of each subspace: rank ``dimension * n_clusters + 1`` of the code is kept.
+        Assumed dimension of each subspace: rank ``dimension * n_clusters + 1`` of the code is kept. 4 for rigid motion.
     power : float
         Element-wise power of the affinity.
     seed : int
         Of k-means.
+    cut : {"means", "cheapest", "rotation"}
+        See :func:`nrsfm.methods.clustering.spectral.spectral_clustering`. The authors' program takes ``rotation``.
 
     References
     ----------
@@ -43,9 +45,11 @@ class EDSC(SubspaceClusterer):
     dimension: int = 4
     power: float = 4.0
     seed: int = 0
+    cut: str = "means"
 
     def _check_settings(self) -> None:
         check_positive(self, "weight", "power")
+        check_word(self, "cut", CUTS)
         check_count(self, "dimension")
 
     def _express(self, X: Array) -> Array:

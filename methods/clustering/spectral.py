@@ -7,34 +7,37 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
-from sklearn.cluster import KMeans
 
 from nrsfm.methods.base import Array, Labels, MethodError
 from nrsfm.methods.clustering.cuts import normalised_cut, recursive_cut
-from nrsfm.methods.numerics.linear import TINY
+from nrsfm.methods.clustering.multiclass import rotation_cut
+from nrsfm.methods.numerics.linear import TINY, unit_rows
 
+#: Ways to make labels of eigenvectors, see :func:`spectral_clustering`.
+CUTS = ("means", "cheapest", "rotation")
 #: The most clusters, where their number is estimated.
 MOST = 10
 
 
 def spectral_clustering(
-    affinity: Array | sp.sparray, n_clusters: int | None, *, seed: int = 0, cheapest: bool = False
+    affinity: Array | sp.sparray, n_clusters: int | None, *, seed: int = 0, cut: str = "means"
 ) -> Labels:
     """Cut a graph into clusters by the leading eigenvectors of its normalised affinity.
 
-    By k-means on the rows of the eigenvectors (Ng, Jordan, Weiss). Where a cluster has a long thin arm, splits along
-    one eigenvector at a time can give a smaller cut (Shi, Malik); ``cheapest`` tries both.
+    By k-means on the rows of the eigenvectors (Ng, Jordan, Weiss), unless another cut is asked for.
 
     Parameters
     ----------
     affinity : (P, P) array or sparse array
-        Symmetric, non-negative; the diagonal is ignored.
+        Symmetric, non-negative; the diagonal is ignored, but for ``rotation``.
     n_clusters : int or None
         None takes what :func:`count_clusters` estimates.
     seed : int
         Of k-means, of whose 20 starts the tightest is kept. The result is deterministic.
-    cheapest : bool
-        Take the labels of k-means or of :func:`nrsfm.methods.clustering.cuts.recursive_cut`, by the normalised cut.
+    cut : {"means", "cheapest", "rotation"}
+        ``means``: k-means. ``cheapest``: k-means or :func:`nrsfm.methods.clustering.cuts.recursive_cut`, whichever has
+        the smaller normalised cut; where a cluster has a long thin arm, splits along one eigenvector at a time can have
+        it. ``rotation``: :func:`nrsfm.methods.clustering.multiclass.rotation_cut`.
 
     Returns
     -------
@@ -49,7 +52,7 @@ def spectral_clustering(
     References
     ----------
     Ng, Jordan, Weiss, "On spectral clustering: analysis and an algorithm", NIPS 2001. Shi, Malik, "Normalized cuts and
-    image segmentation", PAMI 2000.
+    image segmentation", PAMI 2000. Yu, Shi, "Multiclass spectral clustering", ICCV 2003.
     """
     if n_clusters is not None and affinity.shape[0] < n_clusters:
         raise MethodError(f"cannot cut {affinity.shape[0]} tracks into {n_clusters} clusters")
@@ -59,10 +62,14 @@ def spectral_clustering(
         n_clusters = count_clusters(affinity)[0]
     if n_clusters == 1:
         return np.zeros(affinity.shape[0], dtype=np.int64)
+    if cut == "rotation":
+        return rotation_cut(sp.csr_array(affinity).toarray(), n_clusters)
     _, vectors = leading(affinity, n_clusters)
     rows = unit_rows(vectors)
+    from sklearn.cluster import KMeans  # slow to import, and who only builds methods needs none
+
     labels: Labels = KMeans(n_clusters, n_init=20, random_state=seed).fit_predict(rows).astype(np.int64)
-    if not cheapest:
+    if cut == "means":
         return labels
     A = _without_loops(affinity)
     split = recursive_cut(A, n_clusters, vectors[:, -2], lambda part: leading(part, 2)[1][:, 0])
@@ -91,12 +98,6 @@ def eigengaps(affinity: Array | sp.sparray, most: int = MOST) -> Array:
     values, _ = leading(affinity, min(most + 1, affinity.shape[0]))
     gaps: Array = values[::-1][:-1] - values[::-1][1:]
     return gaps
-
-
-def unit_rows(U: Array) -> Array:
-    """Rows scaled to unit length: step 4 of the algorithm of Ng, Jordan, Weiss, NIPS 2001."""
-    rows: Array = U / np.maximum(np.linalg.norm(U, axis=1, keepdims=True), TINY)
-    return rows
 
 
 def leading(affinity: Array | sp.sparray, n_vectors: int) -> tuple[Array, Array]:

@@ -7,10 +7,13 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 import scipy.linalg
 
-from nrsfm.methods.base import Array, MethodError, check_count, check_positive
+from nrsfm.methods.base import Array, MethodError, check_count, check_positive, check_word
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
+
+#: Ways to keep diag(C) = 0, see :class:`SSC`.
+DIAGONALS = ("constrained", "zeroed")
 
 
 @dataclass(eq=False, repr=False)
@@ -33,6 +36,9 @@ class SSC(SubspaceClusterer):
         Stop when max|Z - C| and max|1'Z - 1'| are below it.
     seed : int
         Of k-means.
+    diagonal : {"constrained", "zeroed"}
+        How diag(C) = 0 is kept. ``constrained``: by the soft threshold, which makes that step exact. ``zeroed``: Z is
+        set to zero there after its step as well, as in the authors' program; the iteration then solves another problem.
 
     Attributes
     ----------
@@ -41,7 +47,7 @@ class SSC(SubspaceClusterer):
     References
     ----------
     Elhamifar, Vidal, "Sparse subspace clustering: algorithm, theory, and applications", PAMI 2013, eq. (15)
-    and algorithm 2. The zero diagonal is part of the soft threshold here, which makes that step exact.
+    and algorithm 2.
     """
 
     n_clusters: int | None = 2
@@ -52,24 +58,28 @@ class SSC(SubspaceClusterer):
     max_iter: int = 200
     tol: float = 2e-4
     seed: int = 0
+    diagonal: str = "constrained"
 
     def _check_settings(self) -> None:
         check_positive(self, "alpha", "tol", "share")
         check_count(self, "max_iter")
+        check_word(self, "diagonal", DIAGONALS)
         if self.share > 1:
             raise MethodError(f"SSC: share is {self.share}, wanted a number in (0, 1]")
         if not isinstance(self.affine, bool):
             raise MethodError(f"SSC: affine is {self.affine!r}, wanted true or false")
 
     def _express(self, X: Array) -> Array:
-        code, self.n_iter_ = sparse_code(X, self.alpha, self.affine, self.max_iter, self.tol)
+        code, self.n_iter_ = sparse_code(X, self.alpha, self.affine, self.max_iter, self.tol, self.diagonal)
         return code
 
     def _affinity(self, n_clusters: int | None) -> Array:
         return code_affinity(self.code_, self.share)
 
 
-def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[Array, int]:
+def sparse_code(
+    X: Array, alpha: float, affine: bool, max_iter: int, tol: float, diagonal: str = "constrained"
+) -> tuple[Array, int]:
     """min |C|_1 + a/2 |X - X C|^2, diag(C) = 0, and 1'C = 1' when affine: eq. (15), by algorithm 2 with penalty alpha.
 
     With a = alpha / m (m as in :class:`SSC`) the penalty cancels from the Z-step. Stacked as V = [X / sqrt(m); 1'] it
@@ -96,6 +106,8 @@ def sparse_code(X: Array, alpha: float, affine: bool, max_iter: int, tol: float)
     for _ in admm:
         N = C - U
         Z = N + A @ (B - V @ N)
+        if diagonal == "zeroed":
+            np.fill_diagonal(Z, 0)
         Y = Z + U
         before, U = U, np.clip(Y, -1 / alpha, 1 / alpha)  # U + Z - C, with C the soft threshold of Y ...
         np.fill_diagonal(U, np.diag(Y))  # ... and zero on the diagonal

@@ -28,7 +28,8 @@ class SSCOMP(SubspaceClusterer):
     n_nonzero : int
         k, the most points in the code of one; about the dimension of the subspaces.
     residual : float
-        Epsilon: the pursuit of a point ends when its residual is below this share of its length.
+        Epsilon: the pursuit of a point ends when its residual is below this share of its length. The authors' program
+        compares the squared share with 1e-6.
     seed : int
         Of k-means.
 
@@ -48,7 +49,7 @@ class SSCOMP(SubspaceClusterer):
     n_clusters: int | None = 2
     _: KW_ONLY
     n_nonzero: int = 20
-    residual: float = 1e-6
+    residual: float = 1e-3
     seed: int = 0
 
     def _check_settings(self) -> None:

@@ -54,9 +54,9 @@ class ImplicitProblem(PrintedProblem):
     dtype: Any = np.float64
     cg_tol: float = 1e-13  # relative residual of the conjugate gradients; this one is exact to rounding in float64
 
-    def start(self, b: float) -> State:
-        """S = pinv(R) W, S# = g(S), all else zero."""
-        S = self.cameras.transpose(0, 2, 1) @ self.W
+    def start(self, b: float, S: Array | None = None) -> State:
+        """S (by default pinv(R) W), S# = g(S), all else zero."""
+        S = self.cameras.transpose(0, 2, 1) @ self.W if S is None else S
         P = S.shape[2]
         zero, none = np.zeros_like(S), np.zeros((0, P), dtype=self.dtype)
         empty = sp.csr_array((P, P), dtype=self.dtype)

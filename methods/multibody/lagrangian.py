@@ -19,9 +19,9 @@ from nrsfm.methods.numerics.proximal import soft
 class PrintedProblem(Problem):
     """The augmented Lagrangian of eq. (11) for sparse tracks, D = I, with C as an array; all constraints share b."""
 
-    def start(self, b: float) -> State:
-        """S = pinv(R) W, S# = g(S), all else zero."""
-        S = self.cameras.transpose(0, 2, 1) @ self.W
+    def start(self, b: float, S: Array | None = None) -> State:
+        """S (by default pinv(R) W), S# = g(S), all else zero."""
+        S = self.cameras.transpose(0, 2, 1) @ self.W if S is None else S
         P = S.shape[2]
         square, zero = np.zeros((P, P)), np.zeros_like(S)
         return State(S=S, shape=S, C=square, E=square, Y1=zero, Y2=zero, Y3=square, Y4=np.zeros(P), b=b)

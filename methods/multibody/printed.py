@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 
 from nrsfm.methods import base
 from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
-from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.clustering.spectral import CUTS, spectral_clustering
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
 from nrsfm.methods.multibody.problem import DIAGONALS, minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
 from nrsfm.methods.numerics.admm import Admm
-from nrsfm.methods.structure.bmm import complete_by_shape
+from nrsfm.methods.structure.bmm import complete_by_shape, fit_shape
 
+STARTS = ("bmm", "pseudoinverse")
 FORMS = ("auto", "dense", "implicit")
-CUTS = ("means", "cheapest")
 PRECISIONS: Mapping[str, tuple[Any, float]] = {"double": (np.float64, 1e-13), "single": (np.float32, 1e-5)}
 
 
@@ -47,15 +47,18 @@ class MultiBody(Method):
         its cap.
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
+    start : {"bmm", "pseudoinverse"}
+        The first S: the structure of least nuclear norm with R S = W (:func:`nrsfm.methods.structure.bmm.fit_shape`),
+        or pinv(R) W, whose points have no depth.
     diagonal : {"threshold", "exact", "paper"}
         How diag(C) = 0 is kept. ``threshold``: by the E-step, an exact proximal step. ``exact``: by the C-step,
         solved under the constraint. ``paper``: C - diag(C) after the C-step, as printed, which breaks the
         minimisation.
     seed : int
         Of k-means.
-    cut : {"means", "cheapest"}
-        ``means``: labels by k-means on the eigenvectors. ``cheapest``: by k-means or by splits along one eigenvector at
-        a time, whichever has the smaller normalised cut; needed for tens of thousands of tracks.
+    cut : {"means", "cheapest", "rotation"}
+        See :func:`nrsfm.methods.clustering.spectral.spectral_clustering`. Tens of thousands of tracks need
+        ``cheapest``.
     spatial : float
         Weight of the spatial term over l1, for dense tracks with neighbours; 0 leaves the term out.
     form : {"auto", "dense", "implicit"}
@@ -72,12 +75,13 @@ class MultiBody(Method):
     version = "2"
 
     l1: float = 3e-3
-    l2: float = 0.1
+    l2: float = 0.15
     penalty: float = 1e-3
     growth: float = 1.1
-    max_penalty: float = 1e3
-    max_iter: int = 250
+    max_penalty: float = 1.0
+    max_iter: int = 400
     tol: float = 1e-8
+    start: str = "pseudoinverse"
     diagonal: str = "threshold"
     seed: int = 0
     cut: str = "means"
@@ -98,12 +102,13 @@ class MultiBody(Method):
         admm = Admm(
             self.max_iter, self.tol, self.penalty, growth=self.growth, max_penalty=self.max_penalty, progress=progress
         )
-        state, history = minimise(problem, problem.start(self.penalty), admm, observations.visible)
+        first = fit_shape(data.W, cameras).structure if self.start == "bmm" else None
+        state, history = minimise(problem, problem.start(self.penalty, first), admm, observations.visible)
         code = abs(state.E[:, :n_points])
         affinity = code + code.T
         observations.stage("clustering")
         return Reconstruction(
-            labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cheapest=self.cut == "cheapest"),
+            labels=spectral_clustering(affinity, n_bodies, seed=self.seed, cut=self.cut),
             structure=state.S * data.scale,
             cameras=cameras,
             affinity=affinity,
@@ -134,8 +139,9 @@ class MultiBody(Method):
         return PrintedProblem(W, cameras, self.l1, self.l2, diagonal=self.diagonal)
 
     def _check_settings(self) -> None:
-        for name, words in (("diagonal", DIAGONALS), ("cut", CUTS), ("form", FORMS), ("precision", tuple(PRECISIONS))):
-            base.check_word(self, name, words)
+        words = {"start": STARTS, "diagonal": DIAGONALS, "cut": CUTS, "form": FORMS, "precision": tuple(PRECISIONS)}
+        for name, choices in words.items():
+            base.check_word(self, name, choices)
         base.check_positive(self, "l1", "l2", "penalty", "max_penalty", "tol")
         base.check_at_least(self, 0, "spatial", "dense_gb")
         base.check_at_least(self, 1, "growth")

@@ -87,10 +87,10 @@ class SpatialProblem(PrintedProblem):
 
     neighbours: Neighbours = field(kw_only=True)
 
-    def start(self, b: float) -> State:
-        """S = pinv(R) W, S# = g(S), all else zero."""
+    def start(self, b: float, S: Array | None = None) -> State:
+        """S (by default pinv(R) W), S# = g(S), all else zero."""
         wide = np.zeros(self.neighbours.D.shape)
-        return replace(super().start(b), E=wide, Y3=wide)
+        return replace(super().start(b, S), E=wide, Y3=wide)
 
     def code_step(self, state: State) -> Array:
         """C of eq. (20): (S'S + 11') C + C G = S'S + S'Y2/b + 11' - 1 Y4/b + (E - Y3/b) D'."""

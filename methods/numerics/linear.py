@@ -51,6 +51,12 @@ def symmetric_eigen(A: Array) -> tuple[Array, Array]:
     return values, vectors
 
 
+def unit_rows(U: Array) -> Array:
+    """Rows scaled to unit length."""
+    rows: Array = U / np.maximum(np.linalg.norm(U, axis=1, keepdims=True), TINY)
+    return rows
+
+
 def without_diagonal(A: Array) -> Array:
     """A itself, its diagonal set to zero in place."""
     np.fill_diagonal(A, 0)

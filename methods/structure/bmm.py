@@ -65,11 +65,14 @@ class BMM(Method):
         cameras, visible = observations.required_cameras(), observations.visible
         data = base.standardise(observations.tracks, visible)
         observations.stage("structure")
-        fit = fit_shape(
-            data.W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=observations.progress
-        )
-        S = fit.structure if self.rank is None else cut_rank(fit.structure, self.rank)
+        S = self._fit(data.W, cameras, visible, observations.progress)
+        S = S if self.rank is None else cut_rank(S, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
+        """The (F, 3, P) structure of centred tracks."""
+        fitted = fit_shape(W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
+        return fitted.structure
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """Bytes of ten arrays of 3F x P, as measured."""

@@ -69,7 +69,7 @@ def data(judged: Sequence[Judged]) -> list[dict[str, Any]]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    cases = [{"name": c.name, "verdict": word(c.ok), "said": c.said, "value": c.value} for c in finding.cases]
+    cases = [{"name": c.name, "verdict": word(c.ok), "words": c.words, "value": c.value} for c in finding.cases]
     return {"verdict": finding.verdict, "figures": finding.figures, "cases": cases}
 
 
@@ -95,9 +95,9 @@ def _below_rivals(evidence: Evidence) -> Iterator[Case]:
             for rival in ("ssc2d", "edsc"):
                 mine, theirs = (evidence.mean("n_wrong", pair, name, level) for name in (OURS, rival))
                 excess = None if mine is None or theirs is None else mine - theirs
-                said = "" if excess is None else f"wrong tracks {mine:g} and {theirs:g}"
+                words = "" if excess is None else f"wrong tracks {mine:g} and {theirs:g}"
                 name = f"{_name(pair)}, noise {level:g}, {LABELS[rival]}"
-                yield _case(name, excess, lambda v: v <= 1e-9, said)
+                yield _case(name, excess, lambda v: v <= 1e-9, words)
 
 
 def _against(
@@ -105,7 +105,7 @@ def _against(
     datasets: Sequence[str],
     metric: str,
     holds: Callable[[float], bool],
-    said: str,
+    template: str,
     method: str = OURS,
     ratio: bool = True,
 ) -> Rule:
@@ -117,7 +117,7 @@ def _against(
             value, words = None, ""
             if mine is not None and other is not None and (other or not ratio):
                 value = mine / other if ratio else mine - other
-                words = said.format(number(mine), number(other))
+                words = template.format(number(mine), number(other))
             yield _case(_name(dataset), value, holds, words)
 
     return rule
@@ -128,12 +128,12 @@ def _grows(evidence: Evidence) -> Iterator[Case]:
         for pair in NOISY:
             means = [evidence.mean(metric, pair, OURS, level) for level in LEVELS]
             known = [mean for mean in means if mean is not None]
-            said = " ".join(number(mean) for mean in known)
+            words = " ".join(number(mean) for mean in known)
             rank = None
             if len(known) == len(LEVELS):
                 rank = float(spearmanr(LEVELS, known).statistic) if len(set(known)) > 1 else 0.0
             yield _case(
-                f"{_name(pair)}, {metric}", rank, lambda v: v >= 0.8, f"{said} at {LEVELS}, rank correlation {{:.2f}}"
+                f"{_name(pair)}, {metric}", rank, lambda v: v >= 0.8, f"{words} at {LEVELS}, rank correlation {{:.2f}}"
             )
 
 
@@ -152,15 +152,15 @@ def _converges(evidence: Evidence) -> Iterator[Case]:
         y = curves["objective"][1] if "objective" in curves else None
         if y is not None:
             change = float(np.ptp(y[-max(2, len(y) // 10) :]) / abs(y[-1]))
-            said = f"changes by {change:.1e} of itself over the last tenth"
-            yield Case(f"{_name(pair)}, objective", change <= 1e-3, said)
+            words = f"changes by {change:.1e} of itself over the last tenth"
+            yield Case(f"{_name(pair)}, objective", change <= 1e-3, words)
 
 
-def _case(name: str, value: float | None, holds: Callable[[float], bool], said: str) -> Case:
-    """A case from a number; ``said`` is a format of the number."""
+def _case(name: str, value: float | None, holds: Callable[[float], bool], template: str) -> Case:
+    """A case from a number; ``template`` is a format of the number."""
     if value is None:
         return Case(name, None, "not measured")
-    return Case(name, holds(value), said.format(value), value)
+    return Case(name, holds(value), template.format(value), value)
 
 
 def _name(dataset: str) -> str:

@@ -27,7 +27,7 @@ class Case:
 
     name: str
     ok: bool | None
-    said: str
+    words: str
     value: float | None = None
 
 
@@ -66,7 +66,9 @@ class Finding:
     def evidence(self) -> tuple[str, ...]:
         """A line for each case, counterexamples first."""
         order = {False: 0, True: 1, None: 2}
-        return tuple(f"{SYMBOLS[word(c.ok)]} {c.name}: {c.said}" for c in sorted(self.cases, key=lambda c: order[c.ok]))
+        return tuple(
+            f"{SYMBOLS[word(c.ok)]} {c.name}: {c.words}" for c in sorted(self.cases, key=lambda c: order[c.ok])
+        )
 
 
 @dataclass(frozen=True)

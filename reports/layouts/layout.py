@@ -83,6 +83,8 @@ class Layout:
     pools: Mapping[str, Pool] = field(default_factory=dict)
     """Row -> the datasets that it pools. A dataset may count in several rows."""
     parts: Layout | None = None  #: where rows pool datasets: the layout of the same answers, a row for each dataset
+    judges: tuple[Layout, ...] = ()
+    """Where rows pool datasets: tables whose published numbers a row is held against, those of all methods together."""
     study: bool = False
     """Whether the trials are candidates: they are compared with the published numbers whatever their scene, and claim
     to reproduce none."""
@@ -123,7 +125,13 @@ class Layout:
 
 
 #: The other settings of the published scenes; placement and motion have fields of their own in tables.
-SCENE: Mapping[str, Any] = {"frames": None, "scale": "sequence", "upright": False, "degrees_per_frame": 5.0}
+SCENE: Mapping[str, Any] = {
+    "registration": "turn",
+    "frames": None,
+    "scale": "sequence",
+    "upright": False,
+    "degrees_per_frame": 5.0,
+}
 
 
 def scene_words(dataset: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from nrsfm.datasets.real import hopkins
 from nrsfm.reports.layouts import literature, published
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, columns
-from nrsfm.reports.layouts.notes import ADAPTIVE, DENSE, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
+from nrsfm.reports.layouts.notes import ADAPTIVE, CUT, DENSE, DIMENSION, FIXED, FURTHER, ROOM, SHARE, TRAJECTORIES
 from nrsfm.reports.layouts.table_metrics import E_3D, E_3D_ALIGNED, E_3D_CAMERA, E_3D_KNOWN, E_MS, E_R, MEAN, MEDIAN
 
 #: Scenes of the eight motion-capture sequences by their number of bodies.
@@ -45,6 +45,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
             Method("ssc2d", r"SSC ($e_{MS}$)"),
             Method("ssc2d_share70"),
             Method("edsc", r"EDSC ($e_{MS}$)"),
+            Method("edsc_dim15"),
             Method("omp2d", label="SSC-OMP(2D) †"),
             Method("lrr2d", label="LRR(2D) †"),
             Method("ours", "Ours"),
@@ -54,7 +55,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         source="table1",
         points="table1",
         joiner="+",
-        notes=(SHARE, ADAPTIVE, FURTHER),
+        notes=(SHARE, DIMENSION, ADAPTIVE, FURTHER),
     ),
     "table2": Layout(
         title="Table 2",
@@ -63,6 +64,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         methods=(
             Method("bmm_ssc3d", "BMM + SSC (3D)"),
             Method("bmm_ssc3d_share70", metrics=(E_MS,)),
+            Method("bmm_ssc3d_k11"),
             Method("ssc2d_bmm", "SSC(2D) + BMM"),
             Method("ssc2d_bmm_share70"),
             Method("bmm_lrr3d", label="BMM + LRR(3D) †", metrics=(E_MS,)),
@@ -73,7 +75,7 @@ PAPER_TABLES: Mapping[str, Layout] = {
         points="table1",
         joiner=" + ",
         literature=literature.PAIRS,
-        notes=(SHARE, ADAPTIVE, FURTHER),
+        notes=(SHARE, CUT, ADAPTIVE, FURTHER),
     ),
     "table3": Layout(
         title="Table 3",
@@ -134,7 +136,8 @@ PAPER_TABLES: Mapping[str, Layout] = {
     ),
     "single_body": Layout(
         title="Single bodies",
-        caption="The block matrix method (BMM) and the point trajectory approach (PTA) on one body at a time: "
+        caption="The block matrix method (BMM), the same with bodies that move smoothly, and the point trajectory "
+        "approach (PTA) on one body at a time: "
         "rotation error (e_R) and 3D error (e_3D) with cameras from the tracks alone, and 3D error with known "
         "cameras.",
         methods=(
@@ -145,6 +148,18 @@ PAPER_TABLES: Mapping[str, Layout] = {
                 metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
             ),
             Method("bmm", where={"cameras.source": "known"}, label="BMM, cameras known", metrics=(E_3D_KNOWN,)),
+            Method(
+                "smooth_bmm",
+                where={"cameras.source": "estimated"},
+                label="Smooth BMM, cameras estimated",
+                metrics=(E_3D_ALIGNED, E_3D_CAMERA),
+            ),
+            Method(
+                "smooth_bmm",
+                where={"cameras.source": "known"},
+                label="Smooth BMM, cameras known",
+                metrics=(E_3D_KNOWN,),
+            ),
             Method(
                 "pta",
                 printed="pta_stored",

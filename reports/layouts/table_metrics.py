@@ -20,10 +20,6 @@ def _rms_log_ratio(pairs: Pairs) -> float:
     return math.sqrt(statistics.fmean(math.log(max(m, 1e-300) / p) ** 2 for m, p in pairs))
 
 
-def _off(pairs: Pairs) -> float:
-    return float(sum(abs(m - p) > 0.1 * p + 1e-12 for m, p in pairs))
-
-
 def _tracks(pairs: Pairs) -> float:
     return sum(abs(m - p) for m, p in pairs)
 
@@ -35,8 +31,11 @@ MEANS: Mapping[str, Callable[[Sequence[float]], float]] = MappingProxyType(
 
 #: Pools of measured and published numbers: the distance, 0 at best, and the decimals that are printed.
 DISTANCES: Mapping[str, tuple[Callable[[Pairs], float], int]] = MappingProxyType(
-    {"log ratio": (_rms_log_ratio, 3), "> 10 % off": (_off, 0), "tracks off": (_tracks, 0)}
+    {"log ratio": (_rms_log_ratio, 3), "tracks off": (_tracks, 0)}
 )
+
+#: Figures over all published numbers of some tables, see :mod:`nrsfm.reports.tables.overall`, and their decimals.
+OVERALL: Mapping[str, int] = MappingProxyType({"as printed": 0, "difference": 3})
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,8 @@ class TableMetric:
 
     logged: str  #: the logged metric, a key of :data:`~nrsfm.harness.evaluate.metrics.BY_NAME`
     published: str = ""  #: its name in ``reports/paper``; the logged name by default
-    pool: str = ""  #: how a row pools its datasets' numbers: of :data:`MEANS` or :data:`DISTANCES`; "" where none does
+    pool: str = ""
+    """How a row pools its datasets' numbers, of :data:`MEANS`, :data:`DISTANCES` or :data:`OVERALL`; "" for no pool."""
     title: str = ""  #: the label; the metric's own by default
 
     @property
@@ -70,8 +70,8 @@ class TableMetric:
 
     @property
     def distance(self) -> bool:
-        """Whether it is a distance from the published numbers; nothing is published of that."""
-        return self.pool in DISTANCES
+        """Whether it compares with the published numbers; nothing is published of that."""
+        return self.pool in DISTANCES or self.pool in OVERALL
 
     @property
     def percent(self) -> bool:
@@ -114,7 +114,7 @@ class TableMetric:
     def digits(self) -> int:
         """Decimals that are printed."""
         if self.distance:
-            return DISTANCES[self.pool][1]
+            return OVERALL[self.pool] if self.pool in OVERALL else DISTANCES[self.pool][1]
         return 2 if self.percent else DIGITS
 
     @property

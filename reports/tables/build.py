@@ -22,6 +22,7 @@ from nrsfm.reports.layouts.literature import LABELS
 from nrsfm.reports.layouts.table_metrics import DISTANCES, MEANS, TableMetric
 from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
 from nrsfm.reports.tables.model import Cell, Column, Printed, Row, Run, Setting, Table, Verdict
+from nrsfm.reports.tables.overall import COLUMNS, overall
 from nrsfm.reports.tables.remarks import remarks
 from nrsfm.reports.tables.significance import paired_tests
 
@@ -56,6 +57,10 @@ def build(name: str, answers: Sequence[Answer], design: Layout | None = None) ->
     places = _columns(design, sorted_answers)
     columns = tuple(column for _, column in places)
     rows = tuple(_row(design, places, sorted_answers, key) for key in sorted_answers.rows)
+    if design.judges:
+        judges = [build(name, answers, judge) for judge in design.judges]
+        rows = tuple(replace(row, cells=overall(judges, row) + row.cells) for row in rows)
+        columns = COLUMNS + columns
     notes = remarks(design, columns, rows, sorted_answers)
     means = () if design.pools else _means(rows, columns)
     parts = build(name, answers, design.parts) if design.parts else None

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from urllib.parse import quote, urlsplit, urlunsplit
 
@@ -194,6 +194,17 @@ class Table:
     def layers(self) -> tuple[Table, ...]:
         """The table and, where its rows pool datasets, its parts."""
         return (self, self.parts) if self.parts else (self,)
+
+    def of_methods(self, names: Collection[str]) -> Table:
+        """The columns of some methods alone."""
+        places = [i for i, column in enumerate(self.columns) if column.method in names]
+
+        def chosen(rows: tuple[Row, ...]) -> tuple[Row, ...]:
+            return tuple(replace(row, cells=tuple(row.cells[i] for i in places)) for row in rows)
+
+        columns = tuple(self.columns[i] for i in places)
+        less = replace(self, literature=None, parts=None, tests=())
+        return replace(less, columns=columns, rows=chosen(self.rows), means=chosen(self.means))
 
     @property
     def metrics(self) -> tuple[TableMetric, ...]:

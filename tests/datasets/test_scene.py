@@ -13,13 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nrsfm.datasets.body import Array, Body, centre, register, spread, upright
+from nrsfm.datasets.body import Array, Body, centre, spread, upright
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.composition import PLACEMENTS, compose, offset
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise, seed
 from nrsfm.datasets.real.mocap import MOTIONS, SEQUENCES, load_body, load_scene
+from nrsfm.datasets.registration import procrustes, without_turn
 from nrsfm.datasets.scene import Scene
 from tests.conftest import PAIRS
 from tests.shell import ROOT
@@ -38,7 +39,7 @@ def degrees(R: Array) -> Array:
 
 
 def onto(reference: Array, S: Array) -> Array:
-    """Rotations (F, 3, 3) that bring each frame nearest to its reference, computed in another way than by register."""
+    """Rotations (F, 3, 3) that bring each frame nearest to its reference, computed in another way."""
     pairs = zip(np.broadcast_to(reference, S.shape), S, strict=True)
     return np.stack([Rotation.align_vectors(a.T, b.T)[0].as_matrix() for a, b in pairs])
 
@@ -90,33 +91,33 @@ def test_upright_is_a_proper_turn_that_lifts_the_vertical() -> None:
 # Registration
 
 
-def test_register_undoes_a_rotation_of_every_frame() -> None:
+def test_procrustes_undoes_a_rotation_of_every_frame() -> None:
     S, Q = moving_body(), rotations(30, at=1)
     Q[0] = np.eye(3)  # the first frame is where everything is brought to
-    np.testing.assert_allclose(register(Q @ S), register(S), atol=1e-10)
+    np.testing.assert_allclose(procrustes(Q @ S), procrustes(S), atol=1e-10)
 
 
-def test_register_brings_a_rigid_body_to_rest() -> None:
+def test_procrustes_brings_a_rigid_body_to_rest() -> None:
     S = rotations(20) @ np.random.default_rng(3).standard_normal((3, 12))
-    still = register(S)
+    still = procrustes(S)
     np.testing.assert_allclose(still, np.broadcast_to(centre(S)[0], still.shape), atol=1e-10)
 
 
-def test_register_turns_with_the_world_and_ignores_place_and_order() -> None:
+def test_procrustes_turns_with_the_world_and_ignores_place_and_order() -> None:
     S = moving_body()
     [G] = rotations(1, at=2)
     where = np.random.default_rng(1).standard_normal((30, 3, 1))
     order = np.random.default_rng(2).permutation(20)
-    np.testing.assert_allclose(register(G @ S), G @ register(S), atol=1e-10)
-    np.testing.assert_allclose(register(S + where), register(S), atol=1e-10)
-    np.testing.assert_allclose(register(S[:, :, order]), register(S)[:, :, order], atol=1e-10)
-    np.testing.assert_allclose(register(7 * S), 7 * register(S), atol=1e-10)
+    np.testing.assert_allclose(procrustes(G @ S), G @ procrustes(S), atol=1e-10)
+    np.testing.assert_allclose(procrustes(S + where), procrustes(S), atol=1e-10)
+    np.testing.assert_allclose(procrustes(S[:, :, order]), procrustes(S)[:, :, order], atol=1e-10)
+    np.testing.assert_allclose(procrustes(7 * S), 7 * procrustes(S), atol=1e-10)
 
 
-def test_register_keeps_shapes_and_never_mirrors() -> None:
+def test_procrustes_keeps_shapes_and_never_mirrors() -> None:
     S = moving_body()
     S[1::2] = (np.diag([1.0, 1.0, -1.0]) @ rotations(30))[1::2] @ S[1::2]
-    still = register(S)
+    still = procrustes(S)
     linear = still @ np.linalg.pinv(centre(S))
     np.testing.assert_allclose(np.linalg.det(linear), 1, atol=1e-9)
     np.testing.assert_allclose(linear @ linear.transpose(0, 2, 1), np.broadcast_to(np.eye(3), linear.shape), atol=1e-9)
@@ -126,18 +127,60 @@ def test_register_keeps_shapes_and_never_mirrors() -> None:
 def assert_at_rest(S: Array, tolerance: float = 1e-3) -> None:
     """No frame has a rotation left against the mean shape, and registering again turns all frames alike."""
     assert degrees(onto(S.mean(axis=0), S)).max() < tolerance
-    again = onto(register(S), S)
+    again = onto(procrustes(S), S)
     assert degrees(again @ again[0].T).max() < tolerance
 
 
 def test_registered_body_is_at_rest() -> None:
-    assert_at_rest(register(rotations(30) @ moving_body()))
+    assert_at_rest(procrustes(rotations(30) @ moving_body()))
+
+
+def about(vertical: str, angles: Array) -> Array:
+    """Rotations (F, 3, 3) by angles (F,) about an axis."""
+    return np.asarray(Rotation.from_euler(vertical, angles[:, None]).as_matrix())
+
+
+@pytest.mark.parametrize("vertical", ["y", "z"])
+@pytest.mark.parametrize("degrees_per_frame", [-7.0, 0.5, 31.0])
+def test_a_constant_turn_is_removed(vertical: str, degrees_per_frame: float) -> None:
+    """A shape that turns evenly comes to rest, wherever it is seen from and wherever it goes."""
+    shape = np.random.default_rng(4).standard_normal((3, 12))
+    turning = about(vertical, np.deg2rad(degrees_per_frame) * np.arange(25)) @ shape
+    still = without_turn(turning + np.random.default_rng(5).standard_normal((25, 3, 1)), vertical)
+    np.testing.assert_allclose(still, np.broadcast_to(centre(turning)[0], still.shape), atol=1e-9)
+
+
+@pytest.mark.parametrize("vertical", ["y", "z"])
+def test_only_the_constant_turn_is_removed(vertical: str) -> None:
+    """What is left turns on average no more, every frame was turned about the vertical alone, and by even steps."""
+    S = about(vertical, 0.04 * np.arange(30) + 0.2 * np.sin(np.arange(30))) @ moving_body()
+    back = onto(without_turn(S, vertical), centre(S))
+    np.testing.assert_allclose(back, about(vertical, back_by(back, vertical)), atol=1e-7)
+    np.testing.assert_allclose(np.diff(back_by(back, vertical), n=2), 0, atol=1e-7)
+    np.testing.assert_allclose(without_turn(without_turn(S, vertical), vertical), without_turn(S, vertical), atol=1e-9)
+    world = about(vertical, np.array([0.7]))[0]
+    np.testing.assert_allclose(without_turn(world @ S, vertical), world @ without_turn(S, vertical), atol=1e-9)
+
+
+def back_by(R: Array, vertical: str) -> Array:
+    """Angles (F,) of rotations about an axis."""
+    return np.asarray(Rotation.from_matrix(R).as_rotvec()[:, "xyz".index(vertical)])
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("name", "turn"), [("dance", -2.62), ("walking", -0.52), ("face", -0.04)])
+def test_constant_turn_of_the_sequences(data_folder: Path, name: str, turn: float) -> None:
+    """In degrees a frame."""
+    native = centre(load_body(data_folder, name, "native").structure)
+    back = onto(load_body(data_folder, name, registration="turn").structure, native)
+    assert -np.rad2deg(back_by(back, SEQUENCES[name].vertical)[1]) == pytest.approx(turn, abs=0.005)
+    np.testing.assert_array_equal(centre(load_body(data_folder, name, registration="stored").structure), native)
 
 
 @pytest.mark.data
 @pytest.mark.parametrize("name", ["dance", "face", "walking"])
 def test_registered_sequences_are_at_rest(data_folder: Path, name: str) -> None:
-    assert_at_rest(load_body(data_folder, name).structure)
+    assert_at_rest(load_body(data_folder, name, registration="procrustes").structure)
 
 
 @pytest.mark.data

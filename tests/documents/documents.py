@@ -193,6 +193,7 @@ RULES = (
     Rule(r"make [\w-]+", never="it makes an environment of its own, or is the tests themselves"),
     Rule(r"pip install --constraint constraints.txt .*", never="it fills the environment that it is typed in"),
     Rule(r"nrsfm data get" + ANY, never="it downloads"),
+    Rule(r"git clone .*", never="it needs the address that the page was found at"),
     Rule(r"python -m tests.fuzz.coverage .*", never="it takes as many minutes as there are readers, and an extra"),
     Rule(r"nrsfm ui" + ANY, never="it serves until it is stopped"),
     Rule(r"nrsfm (run|report|sync)\b.* (hydra/launcher=\w+ \S+|tracking)=.*", never=CLUSTER),

@@ -91,7 +91,7 @@ def test_command_is_composed(command: Command, tree: None) -> None:
     elif program == "eval":
         assert words[0].startswith("$(nrsfm completion "), command
     else:
-        assert program in ("pip", "pytest", "python", "createuser", "createdb", "export", "mlflow"), command
+        assert program in ("git", "pip", "pytest", "python", "createuser", "createdb", "export", "mlflow"), command
 
 
 def _compose(verb: str, words: list[str]) -> None:

@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nrsfm.datasets.body import Array, Body, centre, register, spread
+from nrsfm.datasets.body import Array, Body, centre, spread
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated.motion import VERSION, rotations
 from nrsfm.datasets.generated.people import ACTIVITIES, N_SIGNALS, _skeleton, person
 from nrsfm.datasets.generated.procedural import bodies, load_scene, stand_in
 from nrsfm.datasets.generated.surfaces import face, heart
+from nrsfm.datasets.registration import procrustes
 
 N_JOINTS = 22
 SEEDS = range(6)
@@ -180,7 +181,7 @@ def test_people_deform_as_mocap_people_do() -> None:
         M = deformation(body)
         assert 5 <= rank(M, 0.999) <= 12, body.digest
         assert rank(M, 0.99) >= 4, body.digest
-        still = register(body.structure)
+        still = procrustes(body.structure)
         moved = np.linalg.norm(still - still.mean(axis=0)) / np.linalg.norm(still)
         assert 0.05 < moved < 0.35, body.digest
 
@@ -194,7 +195,7 @@ def test_faces_deform_by_a_few_expressions() -> None:
 def test_hearts_swing_and_deform_by_a_few_modes() -> None:
     for seed in SEEDS:
         body = heart(60, 120, seed)
-        still = register(body.structure).reshape(120, -1)
+        still = procrustes(body.structure).reshape(120, -1)
         still = still - still.mean(axis=0)
         assert 2 <= rank(still, 0.999) <= 8
         assert np.linalg.norm(still) < 0.8 * np.linalg.norm(deformation(body))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from nrsfm.datasets.body import Array, Body, centre, register, spread
+from nrsfm.datasets.body import Array, Body, centre, spread
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.composition import view
 from nrsfm.datasets.errors import DatasetError, MissingData
@@ -25,6 +25,7 @@ from nrsfm.datasets.real.mocap import (
     recording,
 )
 from nrsfm.datasets.real.mocap_body import load_recording, load_single
+from nrsfm.datasets.registration import REGISTRATIONS
 from nrsfm.datasets.registry import digest
 from nrsfm.datasets.registry import load_scene as load_by_settings
 
@@ -76,18 +77,20 @@ def complaint(folder: Path, name: str, motion: str = "registered") -> str:
 # Layouts
 
 
+@pytest.mark.parametrize("registration", REGISTRATIONS)
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", SEQUENCES)
-def test_layout(tmp_path: Path, name: str, motion: str) -> None:
+def test_layout(tmp_path: Path, name: str, motion: str, registration: str) -> None:
     write(tmp_path, name, motion)
-    body, S = load_body(tmp_path, name, motion), random_structure(name)
-    procrustes = motion == "registered" and SEQUENCES[name].registered == "procrustes"
-    np.testing.assert_allclose(body.structure, register(S) if procrustes else S, atol=1e-12)
+    body, S = load_body(tmp_path, name, motion, registration), random_structure(name)
+    turning = motion == "registered" and name in ("dance", "face", "walking")
+    shape = REGISTRATIONS[registration](S, body.vertical) if turning else S
+    np.testing.assert_allclose(body.structure, shape, atol=1e-12)
     assert body.structure.flags.c_contiguous
     assert body.name == name and not body.stand_in and len(body.digest) == 64
     assert body.vertical == ("y" if name in ("face", "walking", "shark") else "z")
-    expected = [[0, 1], [1, S.shape[2] - 1]] if name in AKHTER else np.zeros((0, 2))
-    np.testing.assert_array_equal(body.edges, expected)
+    bones = [[0, 1], [1, S.shape[2] - 1]] if name in AKHTER else np.zeros((0, 2))
+    np.testing.assert_array_equal(body.edges, bones)
 
 
 @pytest.mark.parametrize("name", ["face", "walking", "shark"])
@@ -301,6 +304,8 @@ def test_unknown_names(tmp_path: Path) -> None:
         load_scene(tmp_path, ["jump"])
     with pytest.raises(DatasetError, match=r"dataset\.motion is 'own'"):
         load_body(tmp_path, "yoga", "own")
+    with pytest.raises(DatasetError, match=r"dataset\.registration is 'none'"):
+        load_body(tmp_path, "yoga", registration="none")
 
 
 # The real files

@@ -14,13 +14,13 @@ from tests.shell import TINY, Shell
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["run", "dataset=nowhere"], 3, "dataset/nowhere"),
-        (["run", "method=nothing"], 3, "method/nothing"),
+        (["run", "dataset=nowhere"], 3, "dataset 'nowhere' is none of"),
+        (["run", "method=nothing"], 3, "method 'nothing' is none of"),
         (["run", "-m", "method=edsc,nothing"], 3, "nothing"),
         (["run", "method.l7=1"], 3, "method.l7"),
         (["run", "noise.level=loud"], 3, "noise.level"),
         (["run", "dataset=["], 3, "["),
-        (["plan", "experiment=none"], 3, "experiment/none"),
+        (["plan", "experiment=none"], 3, "experiment 'none' is none of"),
         (["run", "dataset=dance_yoga", "method=edsc"], 2, "dance.mat is not there"),
         (["run", "dataset=mocap_scene", "dataset.bodies=[dance,ghost]", "method=edsc"], 2, "ghost"),
         (["run", "dataset.bodies=[person]", "n_bodies=2", "method=edsc"], 2, "has 1 body and n_bodies is 2"),

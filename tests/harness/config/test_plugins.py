@@ -258,3 +258,11 @@ def test_a_packages_edited_source_makes_its_records_stale(package: Make, tmp_pat
             described.cache_clear()  # as by a new process
         stale = [repeats(b, trial, "stale") for b, (trial, _) in zip(before, (ours, theirs), strict=True)]
         assert stale == [False, edited]
+
+
+def test_a_choice_is_described_by_a_whole_sentence() -> None:
+    from nrsfm.harness.config.plugins import choices
+
+    for group in ("method", "dataset", "experiment"):
+        for name, (sentence, package) in choices(group).items():
+            assert package or (sentence.endswith(".") and not sentence.startswith("dataset=")), f"{group}/{name}"

@@ -17,13 +17,17 @@ from tests.conftest import PAIRS
 
 pytestmark = pytest.mark.data
 
-#: e_3d_dai of BMM in this scene (R S = W, no rank cut), measured once by an independent program.
-BMM = dict(zip(PAIRS, (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195), strict=True))
+#: e_3d_dai of BMM (R S = W, no rank cut), measured once by independent programs, by the bodies' registration.
+BMM = {
+    "procrustes": dict(zip(PAIRS, (0.0318, 0.0673, 0.0330, 0.0698, 0.0303, 0.0175, 0.0356, 0.0195), strict=True)),
+    "turn": {"dance_yoga": 0.0397, "drink_walking": 0.0690, "walking_yoga": 0.0696},
+    "stored": {"drink_walking": 0.0707, "walking_yoga": 0.0735, "face_pickup": 0.0536, "face_yoga": 0.0346},
+}
 NATIVE: dict[str, Any] = {"motion": "native", "placement": [3.0, 0.0, 0.0]}
 
 
-def scene(folder: Path, pair: str, motion: str = "registered", placement: object = "paper") -> Scene:
-    return load_scene(folder, pair.split("_"), motion=motion, placement=placement)
+def scene(folder: Path, pair: str, **settings: Any) -> Scene:
+    return load_scene(folder, pair.split("_"), **settings)
 
 
 def measured(scene: Scene, method: str) -> dict[str, float]:
@@ -34,14 +38,19 @@ def measured(scene: Scene, method: str) -> dict[str, float]:
     return metrics.evaluate(scene, found, known_cameras=True)
 
 
+@pytest.mark.parametrize(("registration", "pair"), [(rule, pair) for rule, pairs in BMM.items() for pair in pairs])
+def test_bmm(data_folder: Path, registration: str, pair: str) -> None:
+    """Within 5 % of its reference."""
+    found = measured(scene(data_folder, pair, registration=registration), "bmm")
+    assert found["e_3d_dai"] == pytest.approx(BMM[registration][pair], rel=0.05)
+
+
 @pytest.mark.parametrize("pair", PAIRS)
-def test_bmm_and_ours(data_folder: Path, pair: str) -> None:
-    """BMM within 5 % of its reference; ours without a wrong track and level with BMM."""
+def test_adaptive_has_no_wrong_track_and_is_nearer_than_bmm(data_folder: Path, pair: str) -> None:
     pair_scene = scene(data_folder, pair)
-    bmm, ours = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
-    assert bmm["e_3d_dai"] == pytest.approx(BMM[pair], rel=0.05)
-    assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
+    bmm, adaptive = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
+    assert adaptive["n_wrong"] == 0
+    assert adaptive["e_3d_dai"] < 0.75 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["dance_yoga", "stretch_yoga"])
@@ -50,7 +59,7 @@ def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str)
     noisy = scene(data_folder, pair).with_noise(0.01, 0)
     bmm, ours = measured(noisy, "bmm"), measured(noisy, "adaptive")
     assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
+    assert ours["e_3d_dai"] < 0.7 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["shark_stretch", "shark_yoga"])
@@ -73,6 +82,7 @@ def test_three_bodies(data_folder: Path) -> None:
 
 @pytest.mark.parametrize("pair", ["walking_yoga", "face_yoga"])
 def test_the_printed_formulation(data_folder: Path, pair: str) -> None:
-    values = measured(scene(data_folder, pair), "ours")
+    pair_scene = scene(data_folder, pair)
+    values = measured(pair_scene, "ours")
     assert values["n_wrong"] == 0
-    assert values["e_3d_dai"] <= 1.15 * BMM[pair]
+    assert values["e_3d_dai"] <= 1.15 * measured(pair_scene, "bmm")["e_3d_dai"]

@@ -151,5 +151,5 @@ def test_report_writes_every_format_of_one_table(nrsfm: Shell, grid: str, tmp_pa
 def test_report_of_nothing_says_so_and_still_writes(nrsfm: Shell, tmp_path: Path) -> None:
     done = nrsfm("report", "table1", "--quiet")
     assert done.returncode == 2
-    assert "56 trials are not run yet" in done.stderr
+    assert "64 trials are not run yet" in done.stderr
     assert "not run" in (tmp_path / "out/report/table1.md").read_text()

@@ -16,7 +16,7 @@ from nrsfm.methods.clustering.cuts import normalised_cut, recursive_cut
 from nrsfm.methods.clustering.edsc import EDSC, dense_code
 from nrsfm.methods.clustering.lrr import LRR
 from nrsfm.methods.clustering.spectral import leading, spectral_clustering
-from nrsfm.methods.clustering.ssc import SSC, code_affinity, sparse_code
+from nrsfm.methods.clustering.ssc import DIAGONALS, SSC, code_affinity, sparse_code
 from nrsfm.methods.clustering.ssc_omp import SSCOMP
 
 #: Three blobs of the plane are no three subspaces: two of its points express all others.
@@ -73,7 +73,9 @@ def test_sparse_code_is_optimal() -> None:
         assert value(C + change) >= value(C) - 1e-6
 
 
-def plain_sparse_code(X: np.ndarray, alpha: float, affine: bool, max_iter: int, tol: float) -> tuple[np.ndarray, int]:
+def plain_sparse_code(
+    X: np.ndarray, alpha: float, affine: bool, max_iter: int, tol: float, diagonal: str
+) -> tuple[np.ndarray, int]:
     """The same iteration as its algorithm is printed: one (N, N) inverse, and the multipliers as they are."""
     n = X.shape[1]
     G = X.T @ X
@@ -83,6 +85,8 @@ def plain_sparse_code(X: np.ndarray, alpha: float, affine: bool, max_iter: int, 
     C, D, d = np.zeros((n, n)), np.zeros((n, n)), np.zeros((1, n))
     for k in range(1, max_iter + 1):
         Z = inverse @ (a * G + alpha * C - D + affine * one @ (alpha * one.T - d))
+        if diagonal == "zeroed":
+            Z -= np.diag(np.diag(Z))
         C = np.sign(Z + D / alpha) * np.maximum(np.abs(Z + D / alpha) - 1 / alpha, 0)
         np.fill_diagonal(C, 0)
         D += alpha * (Z - C)
@@ -92,13 +96,14 @@ def plain_sparse_code(X: np.ndarray, alpha: float, affine: bool, max_iter: int, 
     return C, max_iter
 
 
+@pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("affine", [False, True])
 @pytest.mark.parametrize("ambient", [5, 60])
-def test_sparse_code_follows_the_plain_iteration(ambient: int, affine: bool) -> None:
+def test_sparse_code_follows_the_plain_iteration(ambient: int, affine: bool, diagonal: str) -> None:
     """With fewer dimensions than points, and with more."""
     X = union(2, 3, ambient, 12, affine)[0].T
     for settings in ((800.0, affine, 7, 0.0), (20.0, affine, 200, 2e-4)):
-        mine, expected = sparse_code(X, *settings), plain_sparse_code(X, *settings)
+        mine, expected = (code(X, *settings, diagonal) for code in (sparse_code, plain_sparse_code))
         assert mine[1] == expected[1]
         np.testing.assert_allclose(mine[0], expected[0], atol=1e-9)
 
@@ -225,7 +230,7 @@ def test_a_split_is_the_cheapest_prefix(rng: np.random.Generator) -> None:
 def test_the_cheaper_of_both_cuts(dense: bool) -> None:
     """A long tail in one cluster draws the means over the weak link; the cheaper cut is at the link."""
     A = _chain(400, (60,))
-    labels = spectral_clustering(A.toarray() if dense else A, 2, cheapest=True)
+    labels = spectral_clustering(A.toarray() if dense else A, 2, cut="cheapest")
     assert normalised_cut(A, labels, 2) < 0.5 * normalised_cut(A, spectral_clustering(A, 2), 2)
     assert normalised_cut(A, labels, 2) <= normalised_cut(A, (np.arange(400) > 60).astype(np.int64), 2) + 1e-12
 
@@ -234,6 +239,6 @@ def test_the_cheaper_of_both_cuts(dense: bool) -> None:
 def test_tracks_that_nothing_joins_are_no_cheap_cluster(n: int) -> None:
     """All of a path but six isolated tracks, and a graph without an edge: that number of labels, or no crash."""
     A = sp.csr_array(sp.block_diag([_chain(40, (12, 25)), sp.csr_array((6, 6))]))
-    labels = spectral_clustering(A, n, cheapest=True)
+    labels = spectral_clustering(A, n, cut="cheapest")
     assert len(set(labels[:40].tolist())) == n
-    assert spectral_clustering(sp.csr_array((8, 8)), n, cheapest=True).shape == (8,)
+    assert spectral_clustering(sp.csr_array((8, 8)), n, cut="cheapest").shape == (8,)

@@ -16,8 +16,9 @@ from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
 from nrsfm.methods.base import Method, MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.lagrangian import PrintedProblem
-from nrsfm.methods.multibody.printed import MultiBody
-from nrsfm.methods.multibody.problem import Problem, State, shape_step
+from nrsfm.methods.multibody.printed import STARTS, MultiBody
+from nrsfm.methods.multibody.problem import Problem, State
+from nrsfm.methods.structure.bmm import BMM
 from tests.methods.parts import lagrangian, present, random_state
 
 
@@ -96,7 +97,7 @@ def test_sparse_step_is_the_minimum_with_zero_diagonal(
 
 
 def test_shape_step_is_the_minimum(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
-    shape, norm = shape_step(problem.l2, state)
+    shape, norm = problem.shape_step(state)
     flat = shape.reshape(len(shape), -1)
     assert norm == pytest.approx(np.linalg.norm(flat, "nuc"), rel=1e-8)
     lowest = lagrangian(problem, replace(state, shape=shape))
@@ -141,13 +142,13 @@ def test_separates_and_reconstructs(diagonal: str) -> None:
     assert n_wrong(present(result.labels), present(scene.labels)) == 0
     assert e_3d(present(result.structure), present(scene.structure)) < 0.06
     for name in ("shape", "expression", "code", "affine"):
-        assert result.history[name][-1] < 1e-3 < result.history[name].max()
+        assert result.history[name][-1] < 0.01 * result.history[name].max()
 
 
 def test_the_printed_diagonal_breaks_the_minimisation(small_scene: Scene) -> None:
-    """C - diag(C) after the C-step leaves S far from S C where the exact step closes the gap."""
+    """While b grows, C - diag(C) after the C-step leaves S far from S C where the exact step closes the gap."""
     gap = {
-        diagonal: MultiBody(diagonal=diagonal)
+        diagonal: MultiBody(diagonal=diagonal, max_penalty=1e3)
         .reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
         .history["expression"][-1]
         for diagonal in ("threshold", "paper")
@@ -178,6 +179,8 @@ def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.ra
     ("settings", "word"),
     [
         ({"diagonal": "none"}, "diagonal"),
+        ({"start": "random"}, "start"),
+        ({"cut": "min"}, "cut"),
         ({"l1": 0.0}, "l1"),
         ({"l2": float("nan")}, "l2"),
         ({"growth": 0.5}, "growth"),
@@ -193,6 +196,17 @@ def test_rotating_the_world_rotates_the_structure(small_scene: Scene, rng: np.ra
 def test_bad_settings_are_named(small_scene: Scene, settings: dict[str, Any], word: str) -> None:
     with pytest.raises(MethodError, match=word):
         MultiBody(**settings).reconstruct(Observations(small_scene.tracks, small_scene.cameras), 2)
+
+
+def test_the_start_by_bmm_is_the_structure_of_least_nuclear_norm(small_scene: Scene) -> None:
+    """One iteration at a tiny penalty hardly moves it; pinv(R) W has no depth and is further from the truth."""
+    observations = Observations(small_scene.tracks, small_scene.cameras)
+    first = present(BMM().reconstruct(observations).structure)
+    near, flat = (
+        present(MultiBody(start=start, max_iter=1, penalty=1e-9, l2=1e-12).reconstruct(observations, 2).structure)
+        for start in STARTS
+    )
+    assert e_3d(near, first) < 0.1 * e_3d(flat, first)
 
 
 def test_one_body_has_one_label(small_scene: Scene) -> None:

@@ -7,8 +7,9 @@ import io
 import json
 import math
 import statistics
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from itertools import product
 from typing import Any
 
 import pytest
@@ -159,55 +160,77 @@ class TestParts:
 class TestDistances:
     """A study: each row a scene, its pool held against what is printed for every pair."""
 
-    def rows(
-        self, answer: MakeAnswer, scenes: dict[str, dict[str, Any]], off: Sequence[float]
-    ) -> tuple[Table, dict[str, list[float | None]]]:
-        """BMM off by a factor and SSC(2D) off by a track, in each of the scenes."""
+    SCENES: Mapping[str, dict[str, Any]] = {
+        "default": {},
+        "native": {"motion": "native"},
+        "turned": {"degrees_per_frame": -5.0},
+    }
+
+    def table(self, answer: MakeAnswer, off: Mapping[str, float], left_out: str = "") -> Table:
+        """e_3D off by a factor for each scene, and SSC(2D) off by two tracks in all."""
         answers = []
-        for scene, factor in zip(scenes.values(), off, strict=True):
-            for pair in published.datasets("table2"):
-                e_3d = factor * float(needed(published.printed("table2", pair, "bmm_ssc3d", "e_3d")))
-                for method, source in (("bmm_ssc3d", "table2"), ("ssc2d", "table1")):
-                    share = float(needed(published.printed(source, pair, method, "e_ms")))
-                    wrong = wrong_tracks(share, POINTS[pair]) + (method == "ssc2d")
-                    answers.append(answer(pair, method, wrong, scene=scene, e_3d_dai=e_3d, e_3d=2 * e_3d))
-        table = build("scene_study", answers)
-        return table, {row.label: [cell.measured for cell in row.cells] for row in table.rows}
+        for (scene, factor), pair in product(off.items(), published.datasets("table2")):
+            for method, source, theirs in (
+                ("bmm_ssc3d", "table2", "bmm_ssc3d"),
+                ("ssc2d_bmm", "table2", "ssc2d_bmm"),
+                ("ssc2d", "table1", "ssc2d"),
+                ("edsc", "table1", "edsc"),
+                ("ours", "table2", "ours"),
+            ):
+                share = float(needed(published.printed(source, pair, theirs, "e_ms")))
+                wrong = wrong_tracks(share, POINTS[pair]) + 2 * (method == "ssc2d")
+                e_3d = factor * float(published.printed(source, pair, theirs, "e_3d") or "nan")
+                errors = {} if source == "table1" else {"e_3d_dai": e_3d, "e_3d": 2 * e_3d}
+                if f"{pair} {method}" != left_out:
+                    answers.append(answer(pair, method, wrong, scene=self.SCENES[scene], **errors))
+        return build("scene_study", answers)
 
     def test_a_row_a_scene_and_its_distance_from_print(self, answer: MakeAnswer) -> None:
-        scenes: dict[str, dict[str, Any]] = {
-            "default": {},
-            "native": {"motion": "native"},
-            "turned": {"degrees_per_frame": -5.0},
-        }
-        table, rows = self.rows(answer, scenes, (1.0, 1.05, 1.2))
+        factors = {"default": 1.0, "native": 1.05, "turned": 1.2}
+        table = self.table(answer, factors)
+        rows = {row.label: [cell.measured for cell in row.cells[2:]] for row in table.rows}
         assert list(rows) == ["as by default", "motion native", "degrees_per_frame -5"]
-        for factor, (by_dai, beyond, by_equation, ssc3d, ssc2d) in zip((1.0, 1.05, 1.2), rows.values(), strict=True):
-            assert by_dai == pytest.approx(math.log(factor), abs=1e-12)
-            assert beyond == (8 if factor == 1.2 else 0)
+        for factor, (by_dai, by_equation, ssc3d, piped, *_, ssc2d, edsc, ours, wrong) in zip(
+            factors.values(), rows.values(), strict=True
+        ):
+            assert by_dai == piped == ours == pytest.approx(math.log(factor), abs=1e-12)
             assert by_equation == pytest.approx(math.log(2 * factor))
-            assert (ssc3d, ssc2d) == (0, 8)
+            assert (ssc3d, ssc2d, edsc, wrong) == (0, 16, 0, 0)
         assert not table.published and not table.printed
-        assert "| motion native | 0.049 | 0 |" in writers.glance(table).replace("**", "")
+        assert "| motion native | 64 |" in writers.glance(table).replace("**", "")
+
+    def test_all_published_numbers_of_both_tables_together(self, answer: MakeAnswer) -> None:
+        """24 of table 1, of which eight are two tracks off, and 48 of table 2, of which 24 are e_3D."""
+        table = self.table(answer, {"default": 1.0, "native": 1.05, "turned": 1.2})
+        tracks = sum(2 / points for points in POINTS.values())
+        for row, (reproduced, away) in zip(table.rows, [(64, 0.0), (64, 0.05), (40, 0.2)], strict=True):
+            count, difference = row.cells[:2]
+            assert count.measured == reproduced and count.count == 72
+            assert difference.measured == pytest.approx((tracks + 24 * away) / 72)
+
+    def test_a_number_that_was_not_measured_leaves_no_count(self, answer: MakeAnswer) -> None:
+        row = self.table(answer, {"default": 1.0}, left_out="face_yoga edsc").rows[0]
+        assert [cell.measured for cell in row.cells[:2]] == [None, None]
+        assert row.cells[0].reason == "71 of 72 published numbers judged"
 
     def test_pair_by_pair_every_scene_is_judged(self, answer: MakeAnswer) -> None:
-        table, _ = self.rows(answer, {"turned": {"degrees_per_frame": -5.0}}, (1.2,))
+        table = self.table(answer, {"turned": 1.2})
         found = cell(needed(table.parts), "stretch_yoga", "bmm_ssc3d", "e_3d")
         assert (found.published, found.verdict) == ("0.0392", Verdict.WORSE)
         assert found.difference == pytest.approx(0.2)
 
     def test_a_pair_that_is_missing_leaves_no_number(self, answer: MakeAnswer, trial: Callable[..., Trial]) -> None:
         answers = [answer("face_yoga", "ssc2d", 1), (trial("shark_yoga", "ssc2d"), None)]
-        (found,) = build("scene_study", answers).rows[0].cells
+        *_, found = build("scene_study", answers).rows[0].cells
         assert found.measured is None and found.reason.startswith("1 of 8 datasets")
 
     def test_generated_data_has_no_distance(self, answer: MakeAnswer) -> None:
-        (found,) = build("scene_study", [answer("face_yoga", "ssc2d", 1, stand_in=True)]).rows[-1].cells
+        *_, found = build("scene_study", [answer("face_yoga", "ssc2d", 1, stand_in=True)]).rows[-1].cells
         assert found.measured is None and "generated" in found.reason
 
     @pytest.mark.parametrize("ending", list(writers.FORMATS))
     def test_every_format_says_it(self, ending: str, answer: MakeAnswer) -> None:
-        table, _ = self.rows(answer, {"native": {"motion": "native"}}, (1.3,))
+        table = self.table(answer, {"native": 1.3})
         assert "0.262" in writers.FORMATS[ending](table)
 
 
@@ -230,6 +253,15 @@ def test_count_tables_hold_their_scenes() -> None:
         asked = {trial.dataset["name"] for trial, _ in expand(words)}
         pools = [LAYOUTS[name].pools[row] for row in LAYOUTS[name].pools if row != "all"]
         assert asked == {dataset for pool in pools for dataset in pool.datasets} and len(asked) == scenes
+
+
+def test_the_search_fills_every_column_of_its_table() -> None:
+    """The chosen setting is that of the method's configuration."""
+    design = LAYOUTS["ours_search"]
+    asked = [asdict(trial) for trial, _ in expand(["experiment=ours_search"])]
+    assert {design.method(settings).key for settings in asked} == {method.key for method in design.methods}
+    [(default, _)] = expand(["method=ours"])
+    assert design.method(asdict(default)) is design.methods[0]
 
 
 def test_parts_tell_what_was_found(answer: MakeAnswer) -> None:

@@ -1,0 +1,21 @@
+"""Makes the moving picture of the README: two dancers, from their tracks, by this project's method."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from nrsfm import solve
+from nrsfm.datasets.registry import load_scene
+from nrsfm.harness.config.compose import data_folder
+from nrsfm.harness.config.spans import expand
+
+
+def main(path: Path, take: str = "salsa_04", frames: int = 200) -> None:
+    """Write the GIF; the take is looked for in the data folder."""
+    ((trial, _),) = expand(["dataset=two_person", f"dataset.take={take}", f"dataset.frames={frames}"])
+    solve(load_scene(trial.dataset, data_folder()), n_bodies=2).animate(path)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
