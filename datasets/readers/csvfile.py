@@ -139,4 +139,4 @@ def _least(asked: Asked, usual: float) -> tuple[float, tuple[str, ...]]:
 
 
 def _others(header: list[str], used: Collection[int]) -> tuple[str, ...]:
-    return unused("column", [word for k, word in enumerate(header) if k not in used])
+    return unused("column", [word for k, word in enumerate(header) if word and k not in used])

@@ -15,7 +15,7 @@ from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers.arrayfields import FIELDS
 from nrsfm.datasets.readers.axes import arranged, recognise
 from nrsfm.datasets.readers.matfile import listed
-from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile, check_size, named, unused
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile, check_size, check_words, named, unused
 
 #: The names that a field may have.
 NAMES: Mapping[str, tuple[str, ...]] = {
@@ -124,7 +124,13 @@ def from_arrays(
         for field, rows, columns in (("cameras", 2, 3), ("structure", 3, P))
         if field in fields
     }
-    notes += unused("field", [name for name in held if name not in used])
+    others = [name for name in held if name not in used]
+    notes += unused("field", others)
+    like = (name for name in others if held[name].endswith((f"({F}, {P})", f"({P}, {F})")))
+    if not SEEN.keys() & fields.keys() and (mask := next(like, None)) is not None:
+        notes.append(
+            f"if {mask[:40]!a} says what is observed: --columns visible=NAME, occluded=NAME or confidence=NAME"
+        )
     return TrackFile(W, frames, ids, labels=labels, bodies=bodies, notes=tuple(notes), image=layout.image, **more)
 
 
@@ -144,6 +150,7 @@ def _only(path: Path, held: Mapping[str, str]) -> str:
     """The field of tracks in a file of other names: the only one that there is."""
     known = {name for names in NAMES.values() for name in names}
     if len(held) == 1 and not known & set(held):
+        check_words(path, "field", list(held))
         return next(iter(held))
     raise DatasetError(f"{path}: it holds no tracks; {SAVE}; or name it, --columns tracks=NAME: {listed(held)}")
 

@@ -96,7 +96,7 @@ def unused(word: str, names: Sequence[str]) -> tuple[str, ...]:
     """The note that names what a file holds and is not used; none if there is nothing."""
     if not names:
         return ()
-    shown = ", ".join(ascii(name[:40])[1:-1] or "''" for name in names[:8]) + (", ..." if len(names) > 8 else "")
+    shown = ", ".join(ascii(name[:40])[1:-1] for name in names[:8]) + (", ..." if len(names) > 8 else "")
     return (f"not used: {word}{'' if len(names) == 1 else 's'} {shown}",)
 
 

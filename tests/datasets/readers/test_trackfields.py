@@ -15,9 +15,10 @@ import scipy.io
 from nrsfm.datasets.cameras import orbit
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated import procedural
-from nrsfm.datasets.readers.axes import arranged, orders
+from nrsfm.datasets.readers.axes import arranged, orders, recognise
 from nrsfm.datasets.readers.trackfields import read_fields
 from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile
+from nrsfm.datasets.real import hopkins, mocap
 from tests.fuzz import files
 
 F, P = 20, 12
@@ -186,6 +187,14 @@ def test_fields_of_other_names(tracks: np.ndarray, visible: np.ndarray, tmp_path
     refused(path, "there is no field 'uv' for tracks", asked=Asked(columns={"tracks": "uv"}))
 
 
+def test_a_mask_of_another_name_is_pointed_at(tracks: np.ndarray, visible: np.ndarray, tmp_path: Path) -> None:
+    notes = read_fields(save(tmp_path, tracks=tracks, mask=visible)).notes
+    assert notes == (
+        "not used: field mask",
+        "if 'mask' says what is observed: --columns visible=NAME, occluded=NAME or confidence=NAME",
+    )
+
+
 def test_confidence_is_weighed(tracks: np.ndarray, tmp_path: Path) -> None:
     sure = np.random.default_rng(0).random((F, P))
     path = save(tmp_path, tracks=tracks, confidence=sure)
@@ -220,3 +229,22 @@ def test_sleap_of_one_animal(tracks: np.ndarray, tmp_path: Path) -> None:
     read: TrackFile = read_fields(tmp_path / "a.h5")
     np.testing.assert_array_equal(read.tracks, tracks)
     assert read.ids[:2] == ("n0", "n1") and read.labels is None
+
+
+@pytest.mark.data
+def test_the_axes_of_real_tracks(data_folder: Path) -> None:
+    """What the documents say of axes: right as documented, and right or refused in any other order."""
+    pairs = (["dance", "yoga"], ["shark", "yoga"], ["face", "pickup"], ["drink", "walking"])
+    scenes = [mocap.load_scene(data_folder, pair, motion="native").tracks for pair in pairs]
+    scenes += [hopkins.load_scene(data_folder, name).tracks for name in hopkins.SCENES[::20]]
+    refusals = 0
+    for W in scenes:
+        assert recognise(Path("a"), "W", laid_out(W, "F2,P"), "F2,P", "") == ("F2,P", "")
+        for axes in ("2F,P", "P,F2", "F,P,2", "P,F,2"):
+            try:
+                found, _ = recognise(Path("a"), "W", laid_out(W, axes), "F2,P" if axes.count(",") == 1 else "", "")
+            except DatasetError:
+                refusals += 1
+            else:
+                assert found == axes
+    assert refusals <= len(scenes) // 5
