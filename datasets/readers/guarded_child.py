@@ -11,15 +11,22 @@ import json
 import math
 import os
 import resource
+import struct
 import sys
 import warnings
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 from nrsfm.datasets.readers.limits import claim
 
-NUMERIC = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {"double", "single", "logical"}
+NUMBERS = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+CLASSES = ("cell", "struct", "object", "char", "sparse", *NUMBERS, "function")  # of MATLAB, from 1 on
+OBJECT = 17  # the class of strings, tables and other objects in files of version 5, which have no size
+NUMERIC = {*NUMBERS, "logical"}
+HEAD = 1 << 12  # bytes in which the name and the size of a field stand
 HDF5_FILTERS = {1, 2, 3}  # deflate, shuffle, checksum: those of MATLAB and h5py; others are code to load
 
 
@@ -53,7 +60,7 @@ def mat(path: str, room: int, *names: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        Each field of ``names`` that the file holds, as float64 under ``=NAME``; and ``names``, those of all fields.
+        Each field of ``names`` that the file holds, as float64 under ``=NAME``; and ``names`` and ``kinds`` of all.
 
     Raises
     ------
@@ -62,9 +69,11 @@ def mat(path: str, room: int, *names: str) -> dict[str, Any]:
     """
     import numpy as np
     from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import matfile_version
 
     with warnings.catch_warnings(action="error"), np.errstate(all="ignore"):  # odd NaN
-        listing = whosmat(path, appendmat=False)
+        version, _ = matfile_version(path, appendmat=False)
+        listing = _fields5(path) if version == 1 else whosmat(path, appendmat=False)
         stored = [name for name, _, _ in listing]
         wanted = [field for field in listing if field[0] in names]
         for name, shape, kind in wanted:
@@ -79,45 +88,127 @@ def mat(path: str, room: int, *names: str) -> dict[str, Any]:
         for name, _, _ in wanted:
             if arrays[name].dtype.kind not in "fiub":
                 raise Unwanted(f"field {name} is of type {arrays[name].dtype}, wanted numbers")
-        return {f"={name}": np.asfortranarray(arrays[name], float) for name, _, _ in wanted} | _names(stored)
+        numbers = {f"={name}": np.asfortranarray(arrays[name], float) for name, _, _ in wanted}
+        return numbers | _listed({name: f"{kind} {shape}" if shape else kind for name, shape, kind in listing if name})
+
+
+def _fields5(path: str) -> list[tuple[str, tuple[int, ...], str]]:
+    """Name, size and class of each field of a file of version 5; scipy's ``whosmat`` fails on strings and tables."""
+    found: list[tuple[str, tuple[int, ...], str]] = []
+    with Path(path).open("rb") as file:
+        order = "<" if file.read(128)[126:] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}2I", tag)
+            content = file.read(min(size, HEAD))
+            file.seek(size - len(content), os.SEEK_CUR)
+            if kind == 15:  # compressed, with its own tag
+                content = zlib.decompressobj().decompress(content, HEAD)[8:]
+            parts = _elements(content, order)
+            (flags,) = struct.unpack_from(f"{order}I", next(parts))
+            if flags & 0xFF == OBJECT:
+                name, _, word = (next(parts).decode("latin-1") for _ in range(3))
+                found.append((name, (), word))
+                continue
+            sizes = next(parts)
+            shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
+            word = "logical" if flags & 0x200 else dict(enumerate(CLASSES, 1)).get(flags & 0xFF, "unknown")
+            found.append((next(parts).decode("latin-1"), shape, word))
+    return found
+
+
+def _elements(content: bytes, order: str) -> Iterator[bytes]:
+    """The data of each element in a field's content."""
+    at = 0
+    while at + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}2I", content, at)
+        if kind >> 16:  # at most four bytes, which stand in the tag
+            yield content[at + 4 : at + 4 + (kind >> 16)]
+            at += 8
+        else:
+            yield content[at + 8 : at + 8 + size]
+            at += 8 + size + -size % 8
 
 
 def mat73(path: str, room: int, *names: str) -> dict[str, Any]:
     """Numeric fields of a MATLAB file of version 7.3, as :func:`mat`. Links and data in other files are refused."""
     os.environ["HDF5_PLUGIN_PRELOAD"] = "::"  # no file makes HDF5 load a library
     import h5py
+    import numpy as np
 
     arrays: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
-        stored = [name for name in file if not name.startswith("#")]
+        stored = {name: _hdf5_kind(file, name) for name in file if not name.startswith("#")}
         for name in (name for name in names if name in stored):
-            arrays[f"={name}"] = _hdf5_numbers(file, name, room)
+            if "MATLAB_empty" in (value := _hdf5_stored(file, name)).attrs:
+                arrays[f"={name}"] = np.zeros((0, 0))
+                continue
+            kind = stored[name].partition(" ")[0]
+            if kind not in NUMERIC or value.dtype.kind not in "fiu" or "MATLAB_sparse" in value.attrs:
+                raise Unwanted(f"field {name} is of type {kind}, wanted numbers")
+            arrays[f"={name}"] = _hdf5_numbers(name, value, room).T  # MATLAB's order of dimensions
             room -= arrays[f"={name}"].nbytes
-    return arrays | _names(stored)
+    return arrays | _listed(stored)
 
 
-def _hdf5_numbers(file: Any, name: str, room: int) -> Any:
-    """One field of a file of version 7.3, as float64 with MATLAB's order of dimensions."""
+def h5(path: str, room: int, *names: str) -> dict[str, Any]:
+    """Arrays of numbers and of words in an HDF5 file of another program, as :func:`mat73`."""
+    os.environ["HDF5_PLUGIN_PRELOAD"] = "::"
     import h5py
     import numpy as np
+
+    arrays: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+        stored = {name: _hdf5_kind(file, name) for name in file}
+        for name in (name for name in names if name in stored):
+            value = _hdf5_stored(file, name)
+            if h5py.check_string_dtype(value.dtype) is None:
+                arrays[f"={name}"] = _hdf5_numbers(name, value, room)
+                room -= arrays[f"={name}"].nbytes
+            else:
+                _room_left(name, 400 * math.prod(value.shape), room)
+                arrays[f"={name}"] = np.array([word[:100] for word in value.asstr()[()].ravel()], dtype=str)
+    return arrays | _listed(stored)
+
+
+def _hdf5_stored(file: Any, name: str) -> Any:
+    """A dataset that is stored in the file itself."""
+    import h5py
 
     value = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
     if not isinstance(value, h5py.Dataset) or value.external or value.is_virtual:
         kind = "a struct or cell" if isinstance(value, h5py.Group) else "not stored in the file itself"
         raise Unwanted(f"field {name} is {kind}, wanted numbers")
+    return value
+
+
+def _hdf5_kind(file: Any, name: str) -> str:
+    """Class and shape of what stands under a name."""
+    import h5py
+
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+        return "link"
+    value = file[name]
+    if not isinstance(value, h5py.Dataset):
+        return "group"
     kind = value.attrs.get("MATLAB_class", b"")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
-    if kind not in NUMERIC or value.dtype.kind not in "fiu" or "MATLAB_sparse" in value.attrs:
-        raise Unwanted(f"field {name} is of type {kind or value.dtype}, wanted numbers")
-    if "MATLAB_empty" in value.attrs:
-        return np.zeros((0, 0))
+    shape = value.shape[::-1] if kind else value.shape
+    return f"{(kind or str(value.dtype)).replace(' ', '')} {shape}"
+
+
+def _hdf5_numbers(name: str, value: Any, room: int) -> Any:
+    """A dataset as float64."""
+    import numpy as np
+
+    if value.dtype.kind not in "fiub":
+        raise Unwanted(f"field {name} is of type {value.dtype}, wanted numbers")
     each = max(8, value.dtype.itemsize)
     _room_left(name, each * max(math.prod(value.shape), math.prod(value.chunks or (0,))), room)
     stored = value.id.get_create_plist()
     if not HDF5_FILTERS.issuperset(stored.get_filter(k)[0] for k in range(stored.get_nfilters())):
         raise Unwanted(f"field {name} is compressed in another way than MATLAB does; save it anew")
     with np.errstate(all="ignore"):  # odd NaN, and numbers that no double holds
-        return np.asarray(value[()], dtype=float).T
+        return np.asarray(value[()], dtype=float)
 
 
 def _room_left(name: str, size: int, room: int) -> int:
@@ -127,14 +218,16 @@ def _room_left(name: str, size: int, room: int) -> int:
     return room - size
 
 
-def _names(stored: list[str]) -> dict[str, Any]:
-    """The first names of a file's fields, short, for an error message."""
+def _listed(stored: dict[str, str]) -> dict[str, Any]:
+    """The first names of a file's fields, short, and their classes and sizes: for messages."""
     import numpy as np
 
-    return {"names": np.array([name[:100] for name in stored[:100]], dtype=str)}
+    first = list(stored.items())[:100]
+    words = zip(("names", "kinds"), zip(*first, strict=True) if first else ((), ()), strict=True)
+    return {key: np.array([word[:100] for word in values], dtype=str) for key, values in words}
 
 
-READERS: dict[str, Callable[..., dict[str, Any]]] = {"c3d": c3d, "mat": mat, "mat73": mat73}
+READERS: dict[str, Callable[..., dict[str, Any]]] = {"c3d": c3d, "mat": mat, "mat73": mat73, "h5": h5}
 
 
 def main(kind: str, path: str, result: str, seconds: int, memory: int, *arguments: str | int) -> None:

@@ -12,7 +12,7 @@ MathWorks, "MAT-File Format" and "MAT-File Versions".
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -38,24 +38,35 @@ def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> 
         If it cannot be read, lacks a field, or a field is not numeric or too large; if h5py is not installed and the
         file is of version 7.3.
     """
+    arrays, held = mat_fields(path, [*names, *optional])
+    for name in names:
+        if name not in arrays:
+            raise DatasetError(f"{path}: field {name} is missing ({listed(held)}); is it the right file?")
+    return arrays
+
+
+def mat_fields(path: Path, names: Sequence[str]) -> tuple[dict[str, Array], dict[str, str]]:
+    """Those of ``names`` that a file holds, and the class and size in words of all its fields; see :func:`read_mat`."""
     room = allowance(existing(path))
-    wanted = [*names, *optional]
     try:
         if _is_known(path):
-            stored = guarded_child.mat(str(path), room, *wanted)
+            stored = guarded_child.mat(str(path), room, *names)
         else:
-            stored = read_guarded(_kind(path), path, 4 * room, room, *wanted)
+            stored = read_guarded(_kind(path), path, 4 * room, room, *names)
     except Unwanted as error:
         raise DatasetError(f"{path}: {reason(error)}") from None
     except (OSError, Damaged) as error:
         raise DatasetError(
             f"{path}: not a readable MATLAB file ({reason(error)}); write it again, or fetch it with 'nrsfm data get'"
         ) from None
-    for name in names:
-        if f"={name}" not in stored:
-            fields = ", ".join(ascii(field[:40])[1:-1] for field in stored["names"][:20].tolist()) or "nothing"
-            raise DatasetError(f"{path}: field {name} is missing (the file holds {fields}); is it the right file?")
-    return {name: stored[f"={name}"] for name in wanted if f"={name}" in stored}
+    held = dict(zip(stored["names"].tolist(), stored["kinds"].tolist(), strict=True))
+    return {name: stored[f"={name}"] for name in names if f"={name}" in stored}, held
+
+
+def listed(held: Mapping[str, str]) -> str:
+    """Words such as ``the file holds W, double (528, 116)``."""
+    words = [ascii(f"{name[:40]}, {kind[:40]}" if kind else name[:40])[1:-1] for name, kind in held.items()][:20]
+    return f"the file holds {'; '.join(words) or 'nothing'}"
 
 
 @cache

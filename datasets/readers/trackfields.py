@@ -1,9 +1,9 @@
-"""Tracks, cameras, structure and labels in the fields of .npz and MATLAB files, by their usual names."""
+"""Tracks in array files: the fields of this project, of CoTracker, TAPIR and SLEAP, or named by the user."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,59 +12,93 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array
 from nrsfm.datasets.errors import DatasetError
-from nrsfm.datasets.readers.matfile import read_mat
-from nrsfm.datasets.readers.npzfile import read_npz
+from nrsfm.datasets.readers.arrayfields import FIELDS
+from nrsfm.datasets.readers.axes import arranged, recognise
+from nrsfm.datasets.readers.matfile import listed
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile, check_size, named, unused
 
 #: The names that a field may have.
 NAMES: Mapping[str, tuple[str, ...]] = {
-    "tracks": ("tracks", "W"),
-    "visible": ("visible",),
+    "tracks": ("tracks", "W", "pred_tracks", "points"),
+    "visible": ("visible", "visibles", "visibility", "pred_visibility"),
+    "occluded": ("occluded", "occlusion", "occlusions"),
+    "confidence": ("confidence", "pred_confidence"),
     "cameras": ("cameras", "R", "Rs"),
     "structure": ("structure", "S"),
     "labels": ("labels", "s"),
 }
-
-MOST = 20_000_000  # positions of a file
-LONGEST = 1_000_000  # frames, and tracks
 SAVE = "save them as 'tracks' (F, 2, P), or as 'W' (2F, P) with rows x, y for each frame; NaN is not observed"
+SURE = 0.5  # confidence from which a position counts as observed
+SEEN: Mapping[str, Callable[[Array, float], NDArray[np.bool_]]] = {
+    "visible": lambda value, least: value >= least,
+    "occluded": lambda value, _: value < (0.5 if value.min() >= 0 and value.max() <= 1 else 0.0),  # else logits
+    "confidence": lambda value, least: value >= least,
+}
 
 
 @dataclass(frozen=True)
-class TrackFile:
-    """Contents of a file of tracks, before they are checked against each other."""
+class Layout:
+    """How a program lays out its arrays: the fields that it is known by, and the axes of its tracks."""
 
-    tracks: Array  # (F, 2, P), NaN where a track is not observed
-    frames: tuple[str, ...]  # names in the file
-    ids: tuple[str, ...]  # of the tracks, in the file
-    cameras: Array | None = None  # (F, 2, 3)
-    structure: Array | None = None  # (F, 3, P)
-    labels: NDArray[np.int64] | None = None  # (P,)
-    bodies: tuple[str, ...] = ()  # names of the labels in the file
+    program: str
+    marks: frozenset[str]
+    axes: tuple[str, ...]
+    image: bool = True
 
 
-def read_fields(path: Path) -> TrackFile:
-    """Read an .npz or .mat file.
+OWN = Layout("", frozenset({"tracks", "W"}), ("F,2,P", "F2,P"), image=False)
+LAYOUTS = (
+    Layout("CoTracker", frozenset({"pred_tracks", "pred_visibility"}), ("F,P,2",)),
+    Layout("TAPIR", frozenset({"visibles", "occluded", "occlusion", "expected_dist", "query_points"}), ("P,F,2",)),
+    OWN,
+    Layout("", frozenset(), (), image=False),
+)
 
-    ``tracks`` or ``W`` is (F, 2, P), or (2F, P) with rows x, y for each frame; so are ``cameras``, ``R`` or ``Rs``,
-    (F, 2, 3) or (2F, 3), and ``structure`` or ``S``, (F, 3, P) or (3F, P). ``labels`` or ``s`` is (P,), (P, 1) or
-    (1, P), ``visible`` (F, P) of 0 and 1. All but the tracks may be absent. Frames and tracks are named by their
-    index, from 0 on.
+
+def read_fields(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
+    """Read an .npz, .npy, .mat or HDF5 file.
+
+    ``tracks`` or ``W`` is (F, 2, P), or (2F, P) with rows x, y for each frame; CoTracker's ``pred_tracks`` are
+    (1, F, P, 2), TAPIR's ``tracks`` (P, F, 2). Where the numbers contradict that, or the layout is not known, the axes
+    are those of :func:`nrsfm.datasets.readers.axes.recognise`. ``visible``, ``occluded`` and ``confidence`` have the
+    tracks' axes without x and y. ``cameras`` are (F, 2, 3) or (2F, 3), ``structure`` (F, 3, P) or (3F, P), ``labels``
+    (P,), (P, 1) or (1, P). All but the tracks may be absent. Frames and tracks are named by their index, from 0 on.
+    SLEAP's analysis files are read as SLEAP writes them.
 
     Raises
     ------
     DatasetError
         If the file cannot be read, or a field is there under two names, is not numeric or has another shape.
     """
+    source = FIELDS[path.suffix.lower()]
     every = [name for names in NAMES.values() for name in names]
-    stored: Mapping[str, NDArray[Any]]
-    stored = read_npz(path, every) if path.suffix.lower() == ".npz" else read_mat(path, [], every)
-    fields = {field: (name, stored[name]) for field in NAMES if (name := _name_of(path, field, stored))}
-    if "tracks" not in fields:
-        raise DatasetError(f"{path}: it holds no tracks; {SAVE}")
-    W = _frames(path, *fields["tracks"], rows=2, columns=None)
+    stored, held = source(path, [*every, *asked.columns.values(), *SLEAP])
+    if {"tracks", "node_names"} <= set(stored):
+        return _sleap(path, stored, held)
+    names = {field: _name_of(path, field, asked, stored) for field in NAMES}
+    if not names["tracks"]:
+        names["tracks"] = _only(path, held)
+        stored = {**stored, **source(path, [names["tracks"]])[0]}
+    used = {name for name in names.values() if name}
+    fields = {field: (name, stored[name]) for field, name in names.items() if name}
+    layout = next(layout for layout in LAYOUTS if layout.marks & used or not layout.marks)
+    name, array = fields["tracks"]
+    array = _unbatched(_numbers(path, name, array))
+    documented = next((axes for axes in layout.axes if axes.count(",") == array.ndim - 1), "")
+    axes, note = recognise(path, name, array, documented, asked.axes)
+    if not axes:
+        raise DatasetError(f"{path}: field {name} has shape {array.shape}, wanted (F, 2, P) or (2F, P); {SAVE}")
+    W = arranged(array, axes)
     F, _, P = W.shape
-    if "visible" in fields:
-        W = _hide(path, *fields["visible"], W)
+    check_size(path, F, P)
+    W = np.array(W, dtype=float)
+    notes = [f"read as {layout.program} writes it, ({axes.replace(',', ', ')})"] if layout.program and not note else []
+    notes += [note] if note else []
+    time_first = axes.index("F") < axes.index("P")
+    for field, seen in SEEN.items():
+        if field in fields:
+            W, told = _hide(path, field, *fields[field], W, time_first, asked.confidence, seen)
+            notes += told
     labels, bodies = _labels(path, *fields["labels"], P) if "labels" in fields else (None, ())
     frames, ids = (tuple(map(str, range(n))) for n in (F, P))
     more = {
@@ -72,15 +106,28 @@ def read_fields(path: Path) -> TrackFile:
         for field, rows, columns in (("cameras", 2, 3), ("structure", 3, P))
         if field in fields
     }
-    return TrackFile(W, frames, ids, labels=labels, bodies=bodies, **more)
+    notes += unused("field", [name for name in held if name not in used])
+    return TrackFile(W, frames, ids, labels=labels, bodies=bodies, notes=tuple(notes), image=layout.image, **more)
 
 
-def _name_of(path: Path, field: str, stored: Mapping[str, Any]) -> str:
+def _name_of(path: Path, field: str, asked: Asked, stored: Collection[str]) -> str:
     """The name under which a field is there, "" for none."""
+    if name := asked.columns.get(field, ""):
+        if name not in stored:
+            raise DatasetError(f"{path}: there is no field {name[:40]!a} for {field}; see --columns")
+        return name
     names = [name for name in NAMES[field] if name in stored]
     if len(names) > 1:
         raise DatasetError(f"{path}: it holds {field} twice, as {' and '.join(names)}; leave one of them out")
     return names[0] if names else ""
+
+
+def _only(path: Path, held: Mapping[str, str]) -> str:
+    """The field of tracks in a file of other names: the only one that there is."""
+    known = {name for names in NAMES.values() for name in names}
+    if len(held) == 1 and not known & set(held):
+        return next(iter(held))
+    raise DatasetError(f"{path}: it holds no tracks; {SAVE}; or name it, --columns tracks=NAME: {listed(held)}")
 
 
 def _numbers(path: Path, name: str, value: NDArray[Any], kinds: str = "fiu") -> NDArray[Any]:
@@ -90,52 +137,60 @@ def _numbers(path: Path, name: str, value: NDArray[Any], kinds: str = "fiu") -> 
     return value
 
 
-def _frames(
-    path: Path, name: str, value: NDArray[Any], *, rows: int, columns: int | None, frames: int | None = None
-) -> Array:
-    """An array (F, rows, columns), from one of that shape or from (rows F, columns); None allows any number."""
+def _unbatched(value: NDArray[Any]) -> NDArray[Any]:
+    """An array of four axes without the first, if that has length 1: trackers take batches of videos."""
+    return value[0] if value.ndim == 4 and len(value) == 1 else value
+
+
+def _frames(path: Path, name: str, value: NDArray[Any], *, rows: int, columns: int, frames: int) -> Array:
+    """An array (F, rows, columns), from one of that shape or from (rows F, columns)."""
     value, shape = _numbers(path, name, value), value.shape
     if value.ndim == 2 and value.shape[0] % rows == 0:
         value = value.reshape(value.shape[0] // rows, rows, value.shape[1])
-    sizes = [("F" if frames is None else frames), rows, ("P" if columns is None else columns)]
-    fits = value.ndim == 3 and all(
-        isinstance(want, str) or got == want for want, got in zip(sizes, value.shape, strict=True)
-    )
-    if not fits:
-        stacked = f"{rows}F" if frames is None else rows * frames
-        wanted = f"({', '.join(map(str, sizes))}) or ({stacked}, {sizes[2]})"
-        remedy = SAVE if name in NAMES["tracks"] else "bring it to the tracks' frames, or leave it out"
-        raise DatasetError(f"{path}: field {name} has shape {shape}, wanted {wanted}; {remedy}")
-    if rows == 2 and columns is None:
-        check_size(path, value.shape[0], value.shape[2])
+    sizes = (frames, rows, columns)
+    if value.shape != sizes:
+        raise DatasetError(
+            f"{path}: field {name} has shape {shape}, wanted {sizes} or {(rows * frames, columns)}; bring it to the "
+            "tracks' frames, or leave it out"
+        )
     return np.array(value, dtype=float)
 
 
-def check_size(path: Path, n_frames: int, n_points: int) -> None:
-    """Raise DatasetError if a file has more than :data:`MOST` positions, or :data:`LONGEST` frames or tracks."""
-    if n_frames * n_points > MOST or max(n_frames, n_points) > LONGEST:
-        raise DatasetError(
-            f"{path}: it holds {n_frames} frames of {n_points} tracks, more than {MOST} positions or {LONGEST} frames "
-            "or tracks; leave some out"
-        )
-
-
-def _hide(path: Path, name: str, value: NDArray[Any], W: Array) -> Array:
-    """The tracks with NaN where ``visible`` is 0."""
+def _hide(
+    path: Path,
+    field: str,
+    name: str,
+    value: NDArray[Any],
+    W: Array,
+    time_first: bool,
+    confidence: float | None,
+    seen: Callable[[Array, float], NDArray[np.bool_]],
+) -> tuple[Array, list[str]]:
+    """The tracks with NaN where a field says that they are not observed, and a note on what was decided."""
     F, _, P = W.shape
-    value = _numbers(path, name, value, "fiub")
-    if value.shape != (F, P):
-        raise DatasetError(f"{path}: field {name} has shape {value.shape}, wanted {(F, P)}; NaN in the tracks does too")
-    if not ((value == 0) | (value == 1)).all():
-        raise DatasetError(f"{path}: field {name} holds other numbers than 0 and 1; write 1 where a track is observed")
-    lacking = (value == 1) & np.isnan(W).any(axis=1)
-    if lacking.any():
+    wanted = (F, P) if time_first else (P, F)
+    value, shape = _numbers(path, name, value, "fiub"), value.shape
+    if value.ndim > 2 and value.size == F * P:
+        value = value.reshape([n for n in value.shape if n != 1] if 1 not in wanted else wanted)
+    if value.shape != wanted:
+        raise DatasetError(f"{path}: field {name} has shape {shape}, wanted {wanted}; NaN in the tracks does too")
+    flags = np.asarray(value if time_first else value.T, dtype=float)
+    if not np.isfinite(flags).all():
+        raise DatasetError(f"{path}: field {name} holds NaN or infinite numbers; wanted 0 and 1")
+    least = SURE if confidence is None else confidence
+    whole = bool(((flags == 0) | (flags == 1)).all())
+    if field != "occluded" and not whole and not (flags.min() >= 0 and flags.max() <= 1):
+        raise DatasetError(f"{path}: field {name} holds other numbers than 0 to 1; write 1 where a track is observed")
+    shown = seen(flags, least)
+    lacking = shown & np.isnan(W).any(axis=1)
+    if whole and lacking.any():
         frame, track = np.argwhere(lacking)[0]
         raise DatasetError(
-            f"{path}: frame {frame}, track {track} is NaN in the tracks and 1 in {name}; write 0 there, or leave "
-            f"{name} out"
+            f"{path}: frame {frame}, track {track} is NaN in the tracks and {flags[frame, track]:.0f} in {name}; write "
+            f"{1 - flags[frame, track]:.0f} there, or leave {name} out"
         )
-    return np.where((value == 1)[:, None], W, np.nan)
+    told = "" if whole or field == "occluded" else f"{name} below {least:g} counts as not observed (--confidence)"
+    return np.where(shown[:, None], W, np.nan), [told] if told else []
 
 
 def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[NDArray[np.int64], tuple[str, ...]]:
@@ -153,28 +208,26 @@ def _labels(path: Path, name: str, value: NDArray[Any], n_points: int) -> tuple[
     return named(path, name, [f"{v:.0f}" if isinstance(v, float) else str(v) for v in value.tolist()])
 
 
-def named(path: Path, field: str, words: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Indices (n,) of words in the sorted list of different words, and that list; numbers are sorted by value.
-
-    Raises DatasetError if a word is empty, long or not printable.
-    """
-    once = sorted(set(words), key=order)
-    check_words(path, field, once)
-    place = {word: k for k, word in enumerate(once)}
-    return np.array([place[word] for word in words], dtype=np.int64), tuple(once)
+SLEAP = ("tracks", "node_names", "track_names")
 
 
-def order(word: str) -> tuple[bool, float, str]:
-    """Sort key of a word: numbers by value, before other words."""
-    try:
-        value = float(word)
-    except ValueError:
-        return True, 0.0, word
-    return (False, value, word) if abs(value) < float("inf") else (True, 0.0, word)
-
-
-def check_words(path: Path, field: str, words: list[str]) -> None:
-    """Raise DatasetError unless names have 1 to 100 printable characters."""
-    odd = next((word for word in words if not (0 < len(word) <= 100 and word.isprintable())), None)
-    if odd is not None:
-        raise DatasetError(f"{path}: {field} {odd[:40]!a} is not a name, wanted 1 to 100 printable characters")
+def _sleap(path: Path, stored: Mapping[str, NDArray[Any]], held: Mapping[str, str]) -> TrackFile:
+    """SLEAP's analysis file: ``tracks`` (tracks, 2, nodes, frames); each node of each track is a point."""
+    array, nodes = _numbers(path, "tracks", stored["tracks"]), stored["node_names"].ravel().tolist()
+    if array.ndim != 4 or array.shape[1:3] != (2, len(nodes)):
+        raise DatasetError(f"{path}: tracks has shape {array.shape}, wanted (tracks, 2, {len(nodes)} nodes, frames)")
+    n, _, _, F = array.shape
+    animals = [str(name) for name in stored.get("track_names", np.array([])).ravel()]
+    animals = animals if len(animals) == n else [f"track_{k}" for k in range(n)]
+    check_size(path, F, n * len(nodes))
+    W = array.transpose(3, 1, 0, 2).reshape(F, 2, n * len(nodes)).astype(float)
+    file = TrackFile(W, tuple(map(str, range(F))), tuple(map(str, nodes)), image=True)
+    notes = (
+        "read as SLEAP writes it, (tracks, 2, nodes, frames)",
+        *unused("field", [k for k in held if k not in SLEAP]),
+    )
+    if n == 1:
+        return replace(file, notes=notes)
+    ids = tuple(f"{animal}.{node}" for animal in animals for node in nodes)
+    labels, bodies = named(path, "track", [animal for animal in animals for _ in nodes])
+    return replace(file, ids=ids, labels=labels, bodies=bodies, notes=notes)

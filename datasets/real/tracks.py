@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,42 +16,60 @@ from nrsfm.datasets.body import Array, centre, observed
 from nrsfm.datasets.cameras import project
 from nrsfm.datasets.errors import DatasetError, existing
 from nrsfm.datasets.public.catalogue import sha256
+from nrsfm.datasets.readers.arrayfields import FIELDS
 from nrsfm.datasets.readers.csvfile import read_csv
 from nrsfm.datasets.readers.limits import HUGE
-from nrsfm.datasets.readers.trackfields import TrackFile, read_fields
+from nrsfm.datasets.readers.posefile import read_json
+from nrsfm.datasets.readers.trackfields import read_fields
+from nrsfm.datasets.readers.trackfile import RECOGNISED, Asked, TrackFile
 from nrsfm.datasets.real.take import load_c3d
 from nrsfm.datasets.scene import Scene
 
-READERS: dict[str, Callable[[Path], TrackFile]] = {".npz": read_fields, ".mat": read_fields, ".csv": read_csv}
+Reader = Callable[[Path, Asked], TrackFile]
+READERS: Mapping[str, Reader] = {
+    **dict.fromkeys(FIELDS, read_fields),
+    **dict.fromkeys((".csv", ".tsv", ".txt"), read_csv),
+    ".json": read_json,
+}
 SUFFIXES = (*READERS, ".c3d")
+OTHERS = {  # known kinds that are not read, and what to do
+    **dict.fromkeys((".pkl", ".pickle", ".pt", ".pth", ".joblib"), "it runs code when it is read; save .npz instead"),
+    ".slp": "export it as SLEAP's analysis .h5 or .csv",
+}
 LARGEST = 2**32  # bytes of a file
 ROUND_OFF = 1e-4  # by which camera rows of a file may fail to be orthonormal
 UNEXPLAINED = 0.5  # share of the tracks that the true structure may leave unexplained
 ROUNDS = 100
+NEGATIVE = 0.25  # share of negative coordinates: 0 in pixels, 0.5 where tracks are centred
+MISSING = (0.0, -1.0)  # x and y of what some programs write where nothing was observed
+DOWN = "y points down, as in images, and was turned up; if it points up, say --y up"
 C3D = "markers in 3D, at most 400 frames of them, before an orthographic camera that circles at 5 degrees a frame"
 
 
 def load(settings: Mapping[str, Any], folder: Path) -> Scene:
     """The scene of the settings of ``conf/dataset/tracks.yaml``: see :func:`load_tracks`."""
-    return load_tracks(find(settings["file"], folder), settings["name"])
+    given = {name: settings[name] for name in ("columns", "axes", "confidence", "y") if settings.get(name) is not None}
+    return load_tracks(find(settings["file"], folder), settings["name"], Asked(**given))
 
 
 def digest(settings: Mapping[str, Any], folder: Path) -> str:
-    """SHA-256 of the file."""
+    """SHA-256 of the file, or of the names and contents of a folder's .json files."""
     path = find(settings["file"], folder)
-    return sha256(existing(path, "dataset.file names a file from the current folder or the data folder"))
+    return _digest(_existing(path, "dataset.file names a file from the current folder or the data folder"))
 
 
-def load_tracks(path: Path, name: str | None = None) -> Scene:
+def load_tracks(path: Path, name: str | None = None, asked: Asked = RECOGNISED) -> Scene:
     """Read tracks, and cameras, truth and labels where the file has them.
 
-    The fields of .npz and .mat files are those of :func:`nrsfm.datasets.readers.trackfields.read_fields`, the layouts
-    of .csv files those of :mod:`nrsfm.datasets.readers.csvfile`. Markers of a .c3d file are seen by an orbiting camera,
-    as with ``dataset=c3d`` and its settings.
+    The layouts of array files are those of :func:`nrsfm.datasets.readers.trackfields.read_fields`, of text tables those
+    of :func:`nrsfm.datasets.readers.csvfile.read_csv`, of JSON files and folders of them those of
+    :func:`nrsfm.datasets.readers.posefile.read_json`. Markers of a .c3d file are seen by an orbiting camera, as with
+    ``dataset=c3d`` and its settings.
 
     Frames that show fewer than two tracks, and tracks that are seen in fewer than two frames, are left out: no method
-    can place them. Tracks are centred per frame. A true structure is scaled to the units of the tracks. The scene's
-    ``notes`` list these changes.
+    can place them. In images y points down: there the tracks, and the cameras of the file, are turned over, so that y
+    points up in every scene. There positions (0, 0) and (-1, -1) count as not observed. Tracks are centred per frame. A
+    true structure is scaled to the units of the tracks. The scene's ``notes`` list these changes.
 
     The scene's name is by default made from the file's.
 
@@ -61,15 +80,29 @@ def load_tracks(path: Path, name: str | None = None) -> Scene:
     DatasetError
         If it is of another kind, cannot be read, or its fields do not fit each other. One line, with the remedy.
     """
-    existing(path, f"name a file of tracks ({', '.join(SUFFIXES)})")
+    _existing(path, f"name a file of tracks ({', '.join(SUFFIXES)})")
     suffix = path.suffix.lower()
+    if path.is_dir():
+        return _scene(path, read_json(path, asked), name or title(path), asked)
     if suffix not in SUFFIXES:
-        raise DatasetError(f"{path} is of no known kind; wanted {', '.join(SUFFIXES)}")
+        wanted = OTHERS.get(suffix, f"it is of no known kind; wanted {', '.join(SUFFIXES)}")
+        raise DatasetError(f"{path}: {wanted}")
     if path.stat().st_size > LARGEST:
         raise DatasetError(f"{path} has more than {LARGEST >> 30} GiB; leave frames or tracks out")
     if suffix == ".c3d":
         return replace(load_c3d(path, name=name or title(path)), notes=(C3D,))
-    return _scene(path, READERS[suffix](path), name or title(path))
+    return _scene(path, READERS[suffix](path, asked), name or title(path), asked)
+
+
+def _existing(path: Path, remedy: str) -> Path:
+    return path if path.is_dir() else existing(path, remedy)
+
+
+def _digest(path: Path) -> str:
+    if not path.is_dir():
+        return sha256(path)
+    lines = "".join(f"{part.name} {sha256(part)}\n" for part in sorted(path.glob("*.json")))
+    return hashlib.sha256(lines.encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def title(file: str | Path) -> str:
@@ -82,15 +115,20 @@ def find(file: object, folder: Path) -> Path:
     if not isinstance(file, str) or not file:
         raise DatasetError(f"dataset.file is {file!r}, wanted the name of a file of tracks")
     path = Path(file).expanduser()
-    return path if path.is_file() or path.is_absolute() else folder / path
+    return path if path.exists() or path.is_absolute() else folder / path
 
 
-def _scene(path: Path, parts: TrackFile, name: str) -> Scene:
-    W, notes = parts.tracks, []
-    seen = observed(W)
+def _scene(path: Path, parts: TrackFile, name: str, asked: Asked) -> Scene:
     _check_numbers(path, parts)
-    if (zero := int((W == 0).all(axis=1).sum())) > 0.01 * W.shape[0] * W.shape[2]:
-        notes.append(f"{zero} positions are exactly (0, 0); if those were not observed, write NaN")
+    W, notes = parts.tracks, list(parts.notes)
+    down = asked.y == "down" or (asked.y == "auto" and (parts.image or _is_image(W)))
+    W, told = _without_marks(W, down)
+    notes += told
+    if down:
+        W = W * DOWNWARDS
+        parts = replace(parts, cameras=None if parts.cameras is None else parts.cameras * DOWNWARDS)
+        notes += [DOWN] if asked.y == "auto" else []
+    seen = observed(W)
     frames, points = _kept(path, seen)
     for kept, ids, word, less in (
         (frames, parts.frames, "frame", "show fewer than two tracks"),
@@ -117,11 +155,32 @@ def _scene(path: Path, parts: TrackFile, name: str) -> Scene:
         structure=structure,
         cameras=cameras,
         visible=None if seen.all() else seen,
-        digest=sha256(path),
+        digest=_digest(path),
         track_ids=tuple(parts.ids[k] for k in np.flatnonzero(points)),
         frame_ids=tuple(parts.frames[k] for k in np.flatnonzero(frames)),
         notes=tuple(notes),
     )
+
+
+DOWNWARDS = np.array([[1.0], [-1.0]])  # turns y over
+
+
+def _is_image(W: Array) -> bool:
+    """Whether (F, 2, P) tracks seem to be measured from a corner of the image: hardly a coordinate is negative."""
+    values = W[np.isfinite(W) & ~np.isin(W, MISSING)]
+    return values.size > 0 and float(np.mean(values < 0)) < NEGATIVE
+
+
+def _without_marks(W: Array, down: bool) -> tuple[Array, list[str]]:
+    """The tracks with NaN for positions in an image that mark what was not observed, and notes on such positions."""
+    notes = []
+    for mark in MISSING:
+        marked: NDArray[np.bool_] = np.all(mark == W, axis=1)
+        if (count := int(marked.sum())) > 1 and (down or count > 0.01 * marked.size):
+            told = " and count as not observed" if down else "; if those were not observed, write NaN"
+            notes.append(f"{count} positions are exactly ({mark:g}, {mark:g}){told}")
+            W = np.where(marked[:, None], np.nan, W) if down else W
+    return W, notes
 
 
 def _check_numbers(path: Path, parts: TrackFile) -> None:

@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from nrsfm.harness.cli import verbs
+from nrsfm.harness.cli import surroundings, verbs
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -16,6 +16,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from nrsfm.harness.cli.completion import Finder
 
         Finder().answer()
+    surroundings.prepare()
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help"):
         print(verbs.usage(), end="")
@@ -58,6 +59,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 128 + signal.SIGPIPE
     except OSError as error:
         if error.filename is None and error.errno is None:
-            raise
+            return _unexpected(verb, error)
         print(f"nrsfm {verb}: {printable(error.filename or 'output')}: {error.strerror}", file=sys.stderr)
         return 2
+    except Exception as error:
+        return _unexpected(verb, error)
+
+
+def _unexpected(verb: str, error: Exception) -> int:
+    from nrsfm.harness.record.text import one_line, printable
+
+    what = printable(f"{type(error).__name__}: {one_line(error, 300)}")
+    print(f"nrsfm {verb}: unexpected {what}; the traceback is in {surroundings.keep_traceback()}", file=sys.stderr)
+    return 2

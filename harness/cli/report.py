@@ -36,17 +36,17 @@ def main(argv: Sequence[str]) -> int:
     from nrsfm.reports.formats.embed import update_document
 
     report, settings = gather(names, [word for word in options.words if "=" in word])
-    if options.claims:
-        print("\n".join(report.answer), claims.text(report.judged), sep="\n\n", end="")
-    elif not options.quiet:
-        for table in report.tables:
-            console(table)
     folder = options.folder or settings.output / "report"
     report.write(folder)
     if options.into:
         update_document(options.into, report.tables, report.answer)
     if options.figures:
         report.draw(folder / "figures")
+    if options.claims:
+        print("\n".join(report.answer), claims.text(report.judged), sep="\n\n", end="")
+    elif not options.quiet:
+        for table in report.tables:
+            console(table)
     print(report.summary)
     print(f"Written to {folder}; open {folder / 'index.html'}")
     runs = [run for group in report.answers.values() for _, run in group]

@@ -13,6 +13,7 @@ from nrsfm.harness.cli.parser import Parser, group_choices
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import AUTO
 
+Y = (AUTO, "down", "up")
 ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=")
 
 
@@ -37,12 +38,14 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _solve(options: argparse.Namespace) -> int:
+    from nrsfm.datasets.readers.trackfile import Asked
     from nrsfm.datasets.real.tracks import load_tracks
     from nrsfm.harness.config.plugins import check_choices
 
     n_bodies = _number(options.bodies)
     check_choices([f"method={options.method}"])
-    scene = load_tracks(options.file.expanduser())  # what can be wrong is found before anything slow is loaded
+    asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
+    scene = load_tracks(options.file.expanduser(), asked=asked)  # faults are found before anything slow is loaded
     from nrsfm.harness.config.settings import settings_of
     from nrsfm.harness.solving.folder import VIEW, check_folder
     from nrsfm.harness.solving.solve import solve
@@ -71,8 +74,8 @@ def _solve(options: argparse.Namespace) -> int:
         message = " ".join(f"{type(error).__name__}: {error}".split())[:500]
         print(f"nrsfm solve: {options.method} ended with {message}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
-    print(solution)
     solution.save(folder)
+    print(solution)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
     if options.gif:
@@ -92,6 +95,14 @@ def _number(word: str | None) -> int | str | None:
         return int(word)
     except ValueError:
         raise UsageError(f"--bodies is {word!r}, wanted a whole number or auto") from None
+
+
+def _columns(word: str | None) -> dict[str, str]:
+    """``frame=img,track=id`` as a mapping."""
+    pairs = [part.partition("=") for part in word.split(",")] if word else []
+    if odd := next(("".join(pair) for pair in pairs if not (pair[0] and pair[2])), None):
+        raise UsageError(f"--columns holds {odd!a}, wanted pairs such as frame=img,track=id,x=u,y=v")
+    return {role.strip(): name.strip() for role, _, name in pairs}
 
 
 class _Bar:
@@ -133,6 +144,8 @@ nrsfm solve tracks.npz --bodies 2  # arrays: tracks (F, 2, P) or W (2F, P); NaN 
 nrsfm solve tracks.mat --bodies 3 --method bmm_ssc3d
 nrsfm solve tracks.csv --bodies auto  # a line for each observation: frame,track,x,y[,label][,visible]
 nrsfm solve wide.csv --bodies 2  # a line for each frame: x_A,y_A,x_B,y_B,... or A.x,A.y,B.x,B.y,...
+nrsfm solve table.csv --columns frame=img,track=id,x=u,y=v --bodies 2
+nrsfm solve poses/  # a folder of OpenPose's or COCO's .json files
 nrsfm solve take.c3d  # markers in 3D, seen by a camera that circles; the truth is known
 nrsfm solve tracks.npz --bodies 2 --rank 7  # cameras from the tracks, which deform in 7 shapes
 nrsfm solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16""",
@@ -142,12 +155,15 @@ fields of .npz and .mat, all but the tracks optional (rows of a frame stand toge
   cameras, R, Rs  (F, 2, 3) or (2F, 3), orthonormal    labels, s   (P,), the true body of each track
   structure or S  (F, 3, P) or (3F, P), the truth
 
+read as they are: arrays of CoTracker, TAPIR and SLEAP (.npz .npy .h5), tables of DeepLabCut and SLEAP (.csv),
+MOTChallenge (.txt), OpenPose's and COCO's .json. docs/own_tracks.md has them all.
+
 written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, summary.txt,
 result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
 
 exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )
-    parser.add_argument("file", type=Path, help="tracks: .npz, .mat, .csv or .c3d")
+    parser.add_argument("file", type=Path, help="tracks, .npz .npy .mat .h5 .csv .txt .json .c3d, or a folder")
     parser.add_overrides(
         only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
     )
@@ -158,6 +174,10 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
         "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
     )
     parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
+    parser.add_argument("--columns", metavar="A=B,...", help="the file's names: frame=img,track=id,x=u,y=v; tracks=xy")
+    parser.add_argument("--axes", default="", help="of an array, where unclear: F frames, P tracks, 2 x and y; F,P,2")
+    parser.add_argument("--confidence", type=float, metavar="C", help="below it a position counts as not observed")
+    parser.add_argument("--y", choices=Y, default=AUTO, help="where y points in the image; down in pixels")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="also write a moving picture")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")

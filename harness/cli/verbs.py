@@ -13,7 +13,7 @@ from types import ModuleType
 #: Verb -> how its command line looks, and what it does.
 VERBS: Mapping[str, tuple[str, str]] = {
     "run": ("[-m] [OVERRIDES]", "run one trial, a sweep, or an experiment (a Hydra application)"),
-    "solve": ("FILE --bodies N", "reconstruct your own tracks (.npz .mat .csv .c3d) and tell the bodies apart"),
+    "solve": ("FILE --bodies N", "reconstruct tracks of your own, of any tracker, and tell the bodies apart"),
     "plan": ("[OVERRIDES]", "show what run would do: trials done, missing and failed, time and memory"),
     "report": ("[TABLES] [OVERRIDES]", "rebuild the paper's tables from the tracker; runs no method"),
     "compare": ("[OVERRIDES]", "compare results with a blessed baseline or the published numbers"),

@@ -35,7 +35,7 @@ SOURCE_KEYS: Mapping[str, tuple[str, ...]] = {
     "take": (*_THINNED, "folder", "persons", "others", "vertical", "video_rate", "least_seen"),
     "garg": ("face", "sequence", "points", "frames", "neighbours", "fields"),
     "hopkins155": ("scene",),
-    "tracks": ("file",),
+    "tracks": ("file", "columns", "axes", "confidence", "y"),
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from nrsfm.datasets.readers.trackfile import Asked
 from nrsfm.datasets.real.tracks import load_tracks
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.config.compose import compose_config
@@ -25,9 +26,29 @@ from nrsfm.methods.registry import build_method
 CAMERAS = (AUTO, "known", "estimated")
 
 
-def load(path: str | Path) -> Scene:
-    """Read tracks from .npz, .mat, .csv or .c3d: see :func:`nrsfm.datasets.real.tracks.load_tracks`."""
-    return load_tracks(Path(path).expanduser())
+def load(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    axes: str = "",
+    confidence: float | None = None,
+    y: str = AUTO,
+) -> Scene:
+    """Read tracks from a file or a folder of .json files: see :func:`nrsfm.datasets.real.tracks.load_tracks`.
+
+    Parameters
+    ----------
+    path : path
+    columns, axes, confidence, y
+        How the file is to be read, where that is not to be recognised: see
+        :class:`nrsfm.datasets.readers.trackfile.Asked`.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be used.
+    """
+    return load_tracks(Path(path).expanduser(), asked=Asked(columns or {}, axes, confidence, y))
 
 
 def solve(

@@ -1,14 +1,15 @@
 """Adaptive, with weights from the data: reconstruction and self-expression of whitened motion, with slack, in one ADMM.
 
-    min  1/2 |W - R S|^2 + l2 |S#|_* + e (1/2 |X - X C|^2 + l1 m |E|_1),  X = diag(w) Q' (R S) diag(1/d)
-    s.t. S# = g(S),  C = E,  diag(C) = 0
+    min  1/2 |W - U|^2 + l2 |S#|_* + e (1/2 |X - X C|^2 + l1 m |E|_1),  X = diag(w) Q'U diag(1/d)
+    s.t. S# = L g(S),  U = R S,  C = E,  diag(C) = 0
 
-after Kumar, Dai, Li, 3DV 2016, eq. (11). Q are the directions of image motion from smooth to rough
-(:func:`nrsfm.methods.multibody.motion.directions`). They are orthogonal to the images of points at rest, so the
-bodies' offsets drop out and with them the affine constraint. w whitens their spectrum, d are the tracks' norms in it,
-m is the weight above which the code of some track would vanish (Elhamifar, Vidal, PAMI 2013, eq. 13), so l1 has no
-units. S = S C implies X = X C; the squared residual is the slack that real bodies need: no point of a person is an
-exact combination of the others.
+after Kumar, Dai, Li, 3DV 2016, eq. (11). L makes the nuclear norm that of structure that moves smoothly
+(:mod:`nrsfm.methods.structure.smooth_bmm`). U are the images of the structure, from which the code is read. Q are the
+directions of image motion from smooth to rough (:func:`nrsfm.methods.multibody.motion.directions`). They are orthogonal
+to the images of points at rest, so the bodies' offsets drop out and with them the affine constraint. w whitens their
+spectrum, d are the tracks' norms in it, m is the weight above which the code of some track would vanish (Elhamifar,
+Vidal, PAMI 2013, eq. 13), so l1 has no units. S = S C implies X = X C; the squared residual is the slack that real
+bodies need: no point of a person is an exact combination of the others.
 
 All weights depend on the noise sigma, which is estimated from the tracks. l2 is sigma times the largest singular value
 of noise of unit variance; e, the weight of the slack against the image residual, is proportional to sigma^2; and from
@@ -18,7 +19,7 @@ clean to noisy tracks the spectrum is whitened less and the code made sparser.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,16 @@ from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
 from nrsfm.methods.multibody.problem import DIAGONALS, Gaps, Problem, State, minimise, solve_code
 from nrsfm.methods.numerics.admm import Admm
-from nrsfm.methods.numerics.linear import axes, symmetric_eigen, without_diagonal
+from nrsfm.methods.numerics.linear import symmetric_eigen, without_diagonal
 from nrsfm.methods.numerics.proximal import soft
-from nrsfm.methods.structure.bmm import ShapeFit, complete_by_shape, fit_shape
+from nrsfm.methods.structure.smooth_bmm import (
+    IMAGES,
+    SMOOTHING,
+    SmoothFit,
+    Smoothness,
+    complete_by_smooth_shape,
+    fit_smooth,
+)
 
 #: The least noise that is assumed, in parts of the scene's spread; with less, R S = W to rounding.
 FAINTEST = 3e-6
@@ -41,8 +49,10 @@ FAINTEST = 3e-6
 class AdaptiveProblem(Problem):
     """The augmented Lagrangian of the module's objective and its exact block updates; l1 is in units of m.
 
-    Two penalties, neither of which grows: b on S# = g(S), and e m on C = E.
+    Three penalties, none of which grows: b on S# = L g(S), a multiple of it on U = R S, and e m on C = E.
     """
+
+    smoothness: Smoothness  # L
 
     expression: float  # e, the weight of the self-expression against the image residual
     Q: Array  # (2F, r), directions of image motion
@@ -50,15 +60,30 @@ class AdaptiveProblem(Problem):
     d: Array  # (P,), norms of the tracks' weighted motion
     m: float  # the unit of l1
 
-    def begin(self, fit: ShapeFit) -> State:
-        """The state of the shape step's solution without a code."""
+    def begin(self, fit: SmoothFit) -> State:
+        """The state of the shape fit's solution without a code."""
         square = np.zeros((len(self.d),) * 2)
-        Y1, b = self.l2 * fit.multiplier, self.l2 * fit.penalty
-        return State(S=fit.structure, shape=fit.shape, C=square, E=square, Y1=Y1, Y3=square, b=b)
+        Y1, Y5 = self.l2 * fit.multiplier, self.l2 * fit.images_multiplier
+        S, b = fit.structure, self.l2 * fit.penalty
+        return State(S=S, shape=fit.shape, U=fit.images, C=square, E=square, Y1=Y1, Y3=square, Y5=Y5, b=b)
+
+    def update(self, state: State) -> State:
+        """The steps of all problems, and then U."""
+        state = super().update(state)
+        return replace(state, U=self.image_step(state))
+
+    def ordered(self, S: Array) -> Array:
+        """L g(S)."""
+        return self.smoothness.apply(S)
+
+    def images(self, state: State) -> Array:
+        """U."""
+        U: Array = state.U
+        return U
 
     def motion(self, state: State) -> Array:
         """X, (r, P)."""
-        return whiten(self.Q, self.w, self.cameras @ state.S) / self.d
+        return whiten(self.Q, self.w, state.U) / self.d
 
     @property
     def code_penalty(self) -> float:
@@ -76,45 +101,51 @@ class AdaptiveProblem(Problem):
         return without_diagonal(E) if self.diagonal == "threshold" else E
 
     def structure_step(self, state: State) -> Array:
-        """S in closed form.
+        """S of one banded system."""
+        U_shift = state.Y5 / self.penalty(state, "images")
+        return self.smoothness.structure(state.shape + state.Y1 / state.b, state.U + U_shift)
 
-        In each frame's own axes R'R = diag(1, 1, 0): with V = S# + Y1/b, depth rows are V's, and image rows X solve
-        (1 + b) X + e Q diag(w^2) Q' X B = W + b V, B = diag(1/d) (I - C)(I - C)' diag(1/d). Q and the eigenvectors of B
-        make that diagonal. An eigendecomposition and products, O(2F P (r + P) + 9 P^3).
+    def image_step(self, state: State) -> Array:
+        """U in closed form.
+
+        With c the penalty of U = R S, (1 + c) U + e Q diag(w^2) Q'U B = W + c R S - Y5, where
+        B = diag(1/d) (I - C)(I - C)' diag(1/d). Q and the eigenvectors of B make that diagonal. An eigendecomposition
+        and products, O(2F P (r + P) + 9 P^3).
         """
-        b = state.b
-        F, _, P = state.S.shape
-        A = axes(self.cameras)
-        V = A @ (state.shape + state.Y1 / b)
-        rows = (self.W + b * V[:, :2]).reshape(-1, P) / (1 + b)
+        c = self.penalty(state, "images")
+        P = len(self.d)
+        rows = ((self.W + c * (self.cameras @ state.S) - state.Y5) / (1 + c)).reshape(-1, P)
         M = (np.eye(P) - state.C) / self.d[:, None]
-        beta, U = symmetric_eigen(M @ M.T)
-        stiffness = self.expression / (1 + b) * np.multiply.outer(self.w**2, np.maximum(beta, 0))
-        rough = (self.Q.T @ rows) @ U * (stiffness / (1 + stiffness))
-        V[:, :2] = (rows - self.Q @ (rough @ U.T)).reshape(F, 2, P)
-        S: Array = A.transpose(0, 2, 1) @ V
-        return S
+        beta, V = symmetric_eigen(M @ M.T)
+        stiffness = self.expression / (1 + c) * np.multiply.outer(self.w**2, np.maximum(beta, 0))
+        rough = (self.Q.T @ rows) @ V * (stiffness / (1 + stiffness))
+        U: Array = (rows - self.Q @ (rough @ V.T)).reshape(self.W.shape)
+        return U
 
     def gaps(self, state: State) -> Gaps:
-        """S# - g(S) and C - E."""
-        return {"shape": state.shape - state.S, "code": state.C - state.E}
+        """S# - L g(S), U - R S and C - E."""
+        return {
+            "shape": state.shape - self.ordered(state.S),
+            "images": state.U - self.cameras @ state.S,
+            "code": state.C - state.E,
+        }
 
     def objective(self, state: State) -> float:
         """The module's objective."""
-        fit = self.W - self.cameras @ state.S
+        fit = self.W - state.U
         X = self.motion(state)
         code = 0.5 * np.sum((X - X @ state.C) ** 2) + self.l1 * self.m * np.abs(state.E).sum()
         return float(0.5 * np.sum(fit**2) + self.l2 * state.nuclear_norm + self.expression * code)
 
     def penalty(self, state: State, name: str) -> float:
-        """b of S# = g(S), e m of C = E."""
-        return self.code_penalty if name == "code" else state.b
+        """b of S# = L g(S), a multiple of it of U = R S, e m of C = E."""
+        return {"shape": state.b, "images": IMAGES * state.b, "code": self.code_penalty}[name]
 
     def operations(self, state: State) -> float:
         """Multiplications and additions of an iteration, without lower orders.
 
         Four products of 2F x r with r x P, two of r x P with P x P, a symmetric product and a factor for C, a product
-        and an eigendecomposition for S, and the threshold's F x F products.
+        and an eigendecomposition for U, and the threshold's F x F products.
         """
         F, _, P = state.S.shape
         r = len(self.w)
@@ -150,6 +181,8 @@ class AdaptiveMultiBody(Method):
         Weight of the self-expression against the image residual, in parts of sigma^2.
     tol : float
         Stop when the infinity norms of all gaps between split variables are below it (the paper's epsilon).
+    smoothing : float
+        t of L, in frames.
     diagonal : {"threshold", "exact", "paper"}
         How diag(C) = 0 is kept, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
     seed : int
@@ -158,13 +191,14 @@ class AdaptiveMultiBody(Method):
 
     provides = frozenset({"labels", "structure"})
     handles_gaps = True
-    version = "3"
+    version = "4"
 
     l1: Sequence[float] = (0.1, 0.3)
     whitening: Sequence[float] = (0.7, 0.5)
     noise: float = 0.005
     floor: float = 0.02
     nuclear: float = 1.0
+    smoothing: float = SMOOTHING
     expression: float = 10.0
     max_iter: int = 100
     tol: float = 1e-3
@@ -176,7 +210,7 @@ class AdaptiveMultiBody(Method):
         cameras, progress = observations.required_cameras(), observations.progress
         base.check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-        data = base.standardise(complete_by_shape(observations))
+        data = base.standardise(complete_by_smooth_shape(observations, self.smoothing))
         observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
         observations.stage("structure and code")
@@ -203,9 +237,10 @@ class AdaptiveMultiBody(Method):
         t = sigma / (sigma + self.noise)
         l1, whitening = (clean + t * (noisy - clean) for clean, noisy in (self.l1, self.whitening))
         l2 = self.nuclear * sigma * (np.sqrt(F) + np.sqrt(3 * P))
-        fit = fit_shape(W, cameras, l2, progress=progress)
+        smoothness = Smoothness(cameras, self.smoothing)
+        fit = fit_smooth(W, smoothness, l2, progress=progress)
         w = (spectrum(motion) + self.floor**2) ** (-whitening / 2)
-        X = whiten(Q, w, cameras @ fit.structure)
+        X = whiten(Q, w, fit.images)
         norms = np.linalg.norm(X, axis=0)
         d = np.hypot(norms, 1e-3 * norms.max())  # keeps tracks at rest out of the code
         G = np.abs(X.T @ X) / np.outer(d, d)
@@ -213,7 +248,17 @@ class AdaptiveMultiBody(Method):
         m = float(G.max(axis=0).min())
         e = self.expression * sigma**2
         problem = AdaptiveProblem(
-            W=W, cameras=cameras, l1=l1, l2=l2, diagonal=self.diagonal, expression=e, Q=Q, w=w, d=d, m=m
+            W=W,
+            cameras=cameras,
+            l1=l1,
+            l2=l2,
+            diagonal=self.diagonal,
+            smoothness=smoothness,
+            expression=e,
+            Q=Q,
+            w=w,
+            d=d,
+            m=m,
         )
         return problem, problem.begin(fit)
 
@@ -224,6 +269,7 @@ class AdaptiveMultiBody(Method):
     def _check_settings(self) -> None:
         base.check_word(self, "diagonal", DIAGONALS)
         base.check_positive(self, "noise", "nuclear", "expression", "tol", "floor")
+        base.check_at_least(self, 0, "smoothing")
         base.check_count(self, "max_iter")
         for name in ("l1", "whitening"):
             values: Any = getattr(self, name)

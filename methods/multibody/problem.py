@@ -21,7 +21,7 @@ from nrsfm.methods.numerics.proximal import singular_value_threshold
 Square = Any
 Gaps = Mapping[str, Array]
 #: The multiplier of each constraint, by the name of its gap.
-MULTIPLIERS = {"shape": "Y1", "expression": "Y2", "code": "Y3", "affine": "Y4"}
+MULTIPLIERS = {"shape": "Y1", "expression": "Y2", "code": "Y3", "affine": "Y4", "images": "Y5"}
 #: Ways to keep diag(C) = 0, see :class:`nrsfm.methods.multibody.printed.MultiBody`.
 DIAGONALS = ("threshold", "exact", "paper")
 
@@ -38,6 +38,8 @@ class State:
     Y2: Any = None  # of S = S C, (F, 3, P); None in a formulation without it
     Y3: Square  # of C = E
     Y4: Any = None  # of 1'C = 1', (P,); None in a formulation without it
+    U: Any = None  # images, (F, 2, P); None in a formulation without them
+    Y5: Any = None  # of U = R S, (F, 2, P)
     b: float  # the penalty of S# = g(S)
     nuclear_norm: float = 0.0
 
@@ -76,6 +78,29 @@ class Problem:
     def operations(self, state: State) -> float:
         """Multiplications and additions of the iteration that led to a state, without lower orders."""
 
+    def update(self, state: State) -> State:
+        """All steps but the multipliers'. C and E come before S, so that S never meets an empty code."""
+        state = replace(state, C=self.code_step(state))
+        state = replace(state, E=self.sparse_step(state))
+        state = replace(state, S=self.structure_step(state))
+        shape, norm = self.shape_step(state)
+        return replace(state, shape=shape, nuclear_norm=norm)
+
+    def shape_step(self, state: State) -> tuple[Array, float]:
+        """The minimiser S# and its nuclear norm, eq. (16): singular value threshold of g(S) - Y1/b at l2/b."""
+        F, _, P = state.S.shape
+        shifted = self.ordered(state.S) - state.Y1 / state.b
+        flat, norm = singular_value_threshold(shifted.reshape(F, 3 * P), self.l2 / state.b)
+        return flat.reshape(F, 3, P), norm
+
+    def ordered(self, S: Array) -> Array:
+        """The (F, 3, P) array of S whose nuclear norm is taken: S itself."""
+        return S
+
+    def images(self, state: State) -> Array:
+        """What the data term compares the tracks with, (F, 2, P): R S."""
+        return self.cameras @ state.S
+
     def penalty(self, state: State, name: str) -> float:
         """The penalty of a constraint, by the name of its gap."""
         return state.b
@@ -109,20 +134,9 @@ def solve_code(V: Array, H: Array, N: Array, diagonal: str) -> Array:
     return without_diagonal(C) if diagonal == "paper" else C
 
 
-def shape_step(l2: float, state: State) -> tuple[Array, float]:
-    """S# of eq. (16): singular value threshold of g(S) - Y1/b at l2/b; the shape and its nuclear norm."""
-    F, _, P = state.S.shape
-    flat, norm = singular_value_threshold((state.S - state.Y1 / state.b).reshape(F, 3 * P), l2 / state.b)
-    return flat.reshape(F, 3, P), norm
-
-
 def iterate(problem: Problem, state: State) -> tuple[State, Gaps]:
-    """The next state and its gaps. C and E come before S, so that S never meets an empty code."""
-    state = replace(state, C=problem.code_step(state))
-    state = replace(state, E=problem.sparse_step(state))
-    state = replace(state, S=problem.structure_step(state))
-    shape, norm = shape_step(problem.l2, state)
-    state = replace(state, shape=shape, nuclear_norm=norm)
+    """The next state and its gaps."""
+    state = problem.update(state)
     gaps = problem.gaps(state)
     return problem.multiplier_step(state, gaps), gaps
 
@@ -131,8 +145,8 @@ def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -
     """Algorithm 1: iterate until the infinity norms of all gaps are below the tolerance.
 
     Where tracks have gaps, hidden entries of W are one more block of variables: in every iteration they take the values
-    R S + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so the
-    data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
+    images + t 1' that minimise the objective (:func:`nrsfm.methods.gaps.fill`). In the end their residual is zero, so
+    the data term is that of the visible tracks. Whatever a problem derived from the first tracks stays.
 
     Returns
     -------
@@ -144,7 +158,7 @@ def minimise(problem: Problem, state: State, admm: Admm, visible: Mask | None) -
         start = time.process_time()
         state, gaps = iterate(problem, replace(state, b=b))
         if visible is not None:
-            problem = replace(problem, W=fill(problem.W, problem.cameras @ state.S, visible))
+            problem = replace(problem, W=fill(problem.W, problem.images(state), visible))
         history["seconds"].append(time.process_time() - start)
         history["operations"].append(problem.operations(state))
         history["objective"].append(problem.objective(state))

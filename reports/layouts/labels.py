@@ -14,6 +14,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ours_cd": "Ours, C and D",
         "adaptive": "Adaptive (this project)",
         "adaptive_apart": "Adaptive, not coupled",
+        "adaptive_no_order": "Adaptive, no order in time",
         "adaptive_no_nuclear": "Adaptive, no nuclear norm",
         "adaptive_not_whitened": "Adaptive, not whitened",
         "ours_exact": "Ours, exact diagonal",

@@ -136,7 +136,8 @@ PAPER_TABLES: Mapping[str, Layout] = {
     ),
     "single_body": Layout(
         title="Single bodies",
-        caption="The block matrix method (BMM) and the point trajectory approach (PTA) on one body at a time: "
+        caption="The block matrix method (BMM), the same with bodies that move smoothly, and the point trajectory "
+        "approach (PTA) on one body at a time: "
         "rotation error (e_R) and 3D error (e_3D) with cameras from the tracks alone, and 3D error with known "
         "cameras.",
         methods=(
@@ -147,6 +148,18 @@ PAPER_TABLES: Mapping[str, Layout] = {
                 metrics=(E_R, E_3D_ALIGNED, E_3D_CAMERA),
             ),
             Method("bmm", where={"cameras.source": "known"}, label="BMM, cameras known", metrics=(E_3D_KNOWN,)),
+            Method(
+                "smooth_bmm",
+                where={"cameras.source": "estimated"},
+                label="Smooth BMM, cameras estimated",
+                metrics=(E_3D_ALIGNED, E_3D_CAMERA),
+            ),
+            Method(
+                "smooth_bmm",
+                where={"cameras.source": "known"},
+                label="Smooth BMM, cameras known",
+                metrics=(E_3D_KNOWN,),
+            ),
             Method(
                 "pta",
                 printed="pta_stored",

@@ -56,6 +56,9 @@ SETTINGS = tuple(
     for whitening in ([0.7, 0.5], [0.5, 0.5], [0.7, 0.7])
 )
 
+#: Frames over which structure keeps still.
+SMOOTHINGS = (0, 10, 20, 30, 50, 100, 1000)
+
 STUDY_TABLES: Mapping[str, Layout] = {
     "rotation_ablation": Layout(
         title="Single bodies, the rotation without one ingredient",
@@ -146,12 +149,24 @@ STUDY_TABLES: Mapping[str, Layout] = {
         pools={"pairs": BODIES["pairs"]},
         parts=Layout("Pair by pair", "", methods=SETTINGS, metrics=(metrics.E_3D, metrics.E_MS)),
     ),
+    "smoothing": Layout(
+        title="The smoothness of structure",
+        caption="The eight pairs by the frames over which structure keeps still; 0 leaves the order of the frames "
+        "out. Means over the pairs.",
+        methods=tuple(
+            Method("adaptive", where={"method.smoothing": t}, label=f"{t} frames" if t else "no order")
+            for t in SMOOTHINGS
+        ),
+        metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", ""),
+    ),
     "ablation": Layout(
         title="What each ingredient is worth",
-        caption="The eight pairs, clean and with 1 per cent of noise, cameras known and from the tracks: means "
+        caption="The eight pairs, clean and with 1 and 3 per cent of noise, cameras known and from the tracks: means "
         "over the pairs.",
         methods=columns(
-            *("adaptive", "adaptive_apart", "adaptive_no_nuclear", "adaptive_not_whitened"),
+            *("adaptive", "adaptive_apart", "adaptive_no_order", "adaptive_no_nuclear", "adaptive_not_whitened"),
             *("ours", "ours_exact", "ours_diag", "ours_no_nuclear"),
             *("ssc2d_share70", "bmm_ssc3d_share70"),
         ),

@@ -185,3 +185,15 @@ def record(**changes: Any) -> bytes:
         "environment": {"python": "3.11.7"},
     }
     return json.dumps({name: value for name, value in (fields | changes).items() if value is not ...}).encode()
+
+
+def opaque5(name: str, kind: str) -> bytes:
+    """A MATLAB ``string``, ``table`` or other object of version 5: without a size, with a link to a hidden field."""
+    link = np.array([[0xDD000000, 2, 1, 1, 1, 1]], dtype="<u4").T
+    words = b"".join(element(1, word.encode()) for word in (name, "MCOS", kind))
+    return element(14, element(6, struct.pack("<2I", 17, 0)) + words + matrix5("", link.shape, link.tobytes(), 6, 13))
+
+
+def hidden5(size: int = 64) -> bytes:
+    """The field without a name that holds the objects of a file."""
+    return matrix5("", (1, size), bytes(size), 2, 9)

@@ -15,11 +15,13 @@ from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.printed import MultiBody
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from nrsfm.methods.structure.bmm import BMM, fit_shape
+from nrsfm.methods.structure.smooth_bmm import SmoothBMM
 from tests.methods.parts import present
 
 METHODS = [
     BMM(max_iter=60),
     BMM(l2=0.1, max_iter=60),
+    SmoothBMM(max_iter=60),
     ClusterTracks(SSC()),
     ClusterTracks(EDSC(), standardise=False, projection=4),
     ReconstructThenCluster(BMM(max_iter=60), SSC()),
@@ -27,7 +29,7 @@ METHODS = [
     AdaptiveMultiBody(max_iter=20),
     MultiBody(max_iter=20),
 ]
-NAMES = ["bmm", "bmm weighted", "ssc2d", "edsc", "bmm_ssc3d", "ssc2d_bmm", "adaptive", "ours"]
+NAMES = ["bmm", "bmm weighted", "smooth_bmm", "ssc2d", "edsc", "bmm_ssc3d", "ssc2d_bmm", "adaptive", "ours"]
 
 
 @pytest.fixture

@@ -19,12 +19,14 @@ from nrsfm.datasets.body import centre, spread
 from nrsfm.datasets.cameras import orbit
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
-from nrsfm.datasets.readers import csvfile, trackfields
-from nrsfm.datasets.real.tracks import load_tracks
+from nrsfm.datasets.readers import textfile, trackfile
+from nrsfm.datasets.readers.trackfile import Asked
+from nrsfm.datasets.real.tracks import DOWN, load_tracks
 from nrsfm.datasets.scene import Scene
 from tests.datasets.conftest import MARKERS, WriteC3D
 
 F, P = 12, 7
+UPWARDS = np.array([[1.0], [-1.0]])  # the tracks of these tests are pixels, y downwards
 LABELS = np.array([3, 1, 1, 3, 1, 3, 3])
 
 
@@ -135,10 +137,10 @@ LABELLED = [*WHOLE, long, long_with_mask]
 def test_every_format_gives_the_same_scene(save: Callable[[Path, Scene], Path], scene: Scene, tmp_path: Path) -> None:
     path = save(tmp_path, scene)
     read = load_tracks(path, "x")
-    np.testing.assert_array_equal(read.tracks, centre(scene.tracks))
+    np.testing.assert_allclose(read.tracks, centre(scene.tracks * UPWARDS), atol=1e-12)
     np.testing.assert_array_equal(read.visible, scene.visible)
     assert read.track_ids == tuple(map(str, range(P))) and read.frame_ids == tuple(map(str, range(F)))
-    assert read.digest == sources.sha256(path) and read.notes == ()
+    assert read.digest == sources.sha256(path) and read.notes == (DOWN,)
     if save in LABELLED:
         np.testing.assert_array_equal(read.labels, LABELS == 3)
         assert read.bodies == ("1", "3")
@@ -148,7 +150,7 @@ def test_every_format_gives_the_same_scene(save: Callable[[Path, Scene], Path], 
         assert read.structure is not None and read.cameras is not None
         assert scene.structure is not None and scene.cameras is not None
         np.testing.assert_array_equal(read.structure, centre(scene.structure))
-        np.testing.assert_allclose(read.cameras, scene.cameras, atol=1e-12)
+        np.testing.assert_allclose(read.cameras, scene.cameras * UPWARDS, atol=1e-12)
     else:
         assert read.structure is None and read.cameras is None
 
@@ -172,11 +174,9 @@ def test_frames_and_tracks_of_any_names(tmp_path: Path) -> None:
     lines = [f"{f},{t},{i}.5,{j}" for i, f in enumerate((10, 9, -2)) for j, t in enumerate(("nose", "ear é", '"a,b"'))]
     read = load_tracks(write(tmp_path / "a.csv", "\ufeffframe,track,x,y", *lines, "", end="\n"))
     assert read.frame_ids == ("-2", "9", "10") and read.track_ids == ("nose", "ear é", "a,b")
-    np.testing.assert_array_equal(read.tracks[0], centre(np.array([[[2.5, 2.5, 2.5], [0.0, 1.0, 2.0]]]))[0])
-    words = load_tracks(write(tmp_path / "b.csv", "frame,track,x,y", *(line.replace("9", "b", 1) for line in lines)))
-    assert words.frame_ids == ("10", "b", "-2")  # as they came
+    np.testing.assert_array_equal(read.tracks[0], [[0.0, 0.0, 0.0], [1.0, 0.0, -1.0]])  # y upwards
     assert (
-        words.name == "b"
+        read.name == "a"
         and load_tracks(write(tmp_path / "m y é.csv", "x_0,y_0,x_1,y_1", *["1,2,3,4"] * 2)).name == "m_y"
     )
 
@@ -214,14 +214,39 @@ def test_the_truth_is_brought_to_the_units_of_the_tracks(scene: Scene, tmp_path:
         read = load_tracks(npz(tmp_path, replace(metres, cameras=cameras)))
         assert read.structure is not None
         np.testing.assert_allclose(read.structure, scene.structure, rtol=1e-9)
-        assert "scaled by 250 to the units of the tracks" in read.notes[0]
+        assert "scaled by 250 to the units of the tracks" in read.notes[1]
+
+
+def test_y_points_up_in_every_scene(scene: Scene, tmp_path: Path) -> None:
+    """Whatever the file: what is high in the image has a large y. The truth and its cameras go with it."""
+    path = npz(tmp_path, scene)
+    for y, sign in (("auto", -1), ("down", -1), ("up", 1)):
+        read = load_tracks(path, asked=Asked(y=y))
+        np.testing.assert_allclose(read.tracks[:, 1], sign * centre(scene.tracks)[:, 1], atol=1e-12)
+        assert (DOWN in read.notes) == (y == "auto") and read.cameras is not None and read.structure is not None
+        seen = np.nan_to_num(np.where(np.isnan(read.tracks), np.nan, read.cameras @ read.structure))
+        np.testing.assert_allclose(centre(np.where(seen, seen, np.nan)), read.tracks, atol=1e-9)
+    centred = replace(scene, tracks=centre(scene.tracks))
+    np.testing.assert_allclose(load_tracks(npz(tmp_path, centred)).tracks, centred.tracks, atol=1e-12)
+    with pytest.raises(DatasetError, match="y is 'left', wanted one of auto, down, up"):
+        load_tracks(path, asked=Asked(y="left"))
+
+
+@pytest.mark.parametrize("mark", [0, -1])
+def test_marks_of_missing_pixels_are_gaps(mark: int, scene: Scene, tmp_path: Path) -> None:
+    W = np.where(np.isnan(scene.tracks), mark, scene.tracks)
+    np.savez(tmp_path / "a.npz", tracks=W)
+    read = load_tracks(tmp_path / "a.npz")
+    np.testing.assert_array_equal(read.visible, scene.visible)
+    assert f"positions are exactly ({mark}, {mark}) and count as not observed" in read.notes[0]
 
 
 def test_zeros_that_may_be_gaps_are_told(tmp_path: Path) -> None:
     W = np.random.default_rng(0).standard_normal((5, 2, 4))
-    W[3, :, 1] = 0
+    W[3, :, 1] = W[4, :, 2] = 0
     np.savez(tmp_path / "a.npz", tracks=W)
-    assert load_tracks(tmp_path / "a.npz").notes[0].startswith("1 positions are exactly (0, 0)")
+    told = "2 positions are exactly (0, 0); if those were not observed, write NaN"
+    assert load_tracks(tmp_path / "a.npz").notes == (told,)
 
 
 def test_round_off_of_cameras_is_mended(scene: Scene, tmp_path: Path) -> None:
@@ -229,7 +254,7 @@ def test_round_off_of_cameras_is_mended(scene: Scene, tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", tracks=scene.tracks, cameras=scene.cameras.astype(np.float32))
     cameras = load_tracks(tmp_path / "a.npz").cameras
     assert cameras is not None
-    np.testing.assert_allclose(cameras, scene.cameras, atol=1e-7)
+    np.testing.assert_allclose(cameras, scene.cameras * UPWARDS, atol=1e-7)
 
 
 def test_c3d_is_seen_by_a_camera(tmp_path: Path, write_c3d: WriteC3D) -> None:
@@ -255,19 +280,17 @@ CSV: dict[str, tuple[str, ...]] = {
     "frame '0', track 'a' occurs twice": ("frame,track,x,y", "0,a,1,2", "0,b,1,2", "0,a,1,2"),
     "track 'a' has the labels '1' and '2'": ("frame,track,x,y,label", "0,a,1,2,1", "1,a,1,2,2"),
     "track 'b' has no label": ("frame,track,x,y,label", "0,a,1,2,1", "0,b,1,2,"),
-    "its header holds 'z'": ("frame,track,x,y,z", "0,a,1,2,3"),
     "its header holds a name twice": ("frame,track,x,y,x", "0,a,1,2,3"),
     "holds no observation": ("frame,track,x,y",),
     "names no track": ("",),
     "one coordinate alone": ("frame,track,x,y", "0,a,1,", "0,b,1,2", "1,a,1,2", "1,b,1,2"),
     "are too few": ("frame,track,x,y", "0,a,1,2", "1,b,1,2"),
-    "holds 'y_0' and then 'x_0'": ("y_0,x_0", "1,2"),
-    "holds 'x_0' and then 'y_1'": ("x_0,y_1", "1,2"),
-    "holds 'x_1' and then ''": ("x_0,y_0,x_1", "1,2,3"),
-    "holds 'id' and then 't'": ("id,t,u,v", "1,2,3,4"),
+    "one of x and y for '0'": ("x_0,y_1", "1,2"),
+    "one of x and y for '1'": ("x_0,y_0,x_1", "1,2,3"),
+    "holds id, t, u, v": ("id,t,u,v", "1,2,3,4"),
     "names a track twice": ("x_0,y_0,0.x,0.y", "1,2,3,4"),
     "line 3: x or y is 'q'": ("x_0,y_0", "1,2", "1,q"),
-    "a frame occurs twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
+    "frame '3' occurs twice": ("frame,x_0,y_0", "3,1,2", "3,1,2"),
     "not a readable CSV file": ("frame,track,x,y", '0,"a"b,1,2'),
     "track 'b\\x07' is not a name": ("frame,track,x,y", "0,b\x07,1,2"),
 }
@@ -312,7 +335,7 @@ def broken(scene: Scene) -> Mapping[str, dict[str, Any]]:
         "field labels holds NaN or fractions": {"W": W, "labels": LABELS + 0.5},
         "field s holds NaN or fractions": {"W": W, "s": LABELS * np.nan},
         "field visible has shape (7, 12), wanted (12, 7)": {"W": W, "visible": np.ones((7, 12))},
-        "field visible holds other numbers than 0 and 1": {"W": W, "visible": np.full((12, 7), 0.5)},
+        "field visible holds other numbers than 0 to 1": {"W": W, "visible": np.full((12, 7), 1.5)},
         "is NaN in the tracks and 1 in visible; write 0 there": {"W": W, "visible": np.ones((12, 7))},
         "are too few; wanted two tracks and two frames": {"W": W * np.nan},
     }
@@ -332,8 +355,10 @@ def test_all_cases_are_tried(scene: Scene) -> None:
 def test_files_of_no_kind(tmp_path: Path, guarded: None) -> None:
     with pytest.raises(MissingData, match=r"none\.npz is not there; name a file of tracks"):
         load_tracks(tmp_path / "none.npz")
-    (tmp_path / "a.txt").write_text("x")
-    refused(tmp_path / "a.txt", "is of no known kind; wanted .npz, .mat, .csv, .c3d")
+    (tmp_path / "a.xyz").write_text("x")
+    refused(tmp_path / "a.xyz", "is of no known kind; wanted .npz, .npy, .mat, .h5, .hdf5, .csv")
+    (tmp_path / "a.pkl").write_bytes(b"")
+    refused(tmp_path / "a.pkl", "it runs code when it is read; save .npz instead")
     for suffix in ("npz", "mat", "c3d"):
         (tmp_path / f"a.{suffix}").write_bytes(b"no such thing")
         refused(tmp_path / f"a.{suffix}", "not a readable")
@@ -344,12 +369,12 @@ def test_files_of_no_kind(tmp_path: Path, guarded: None) -> None:
 def test_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = [f"{k},{k},1,2" for k in range(3000)]  # 9 million positions, one in 3000 observed
     refused(write(tmp_path / "a.csv", "frame,track,x,y", *lines), "less than 1 in 100 observed")
-    monkeypatch.setattr(csvfile, "LINE", 1000)
+    monkeypatch.setattr(textfile, "LINE", 1000)
     refused(write(tmp_path / "b.csv", "frame,track,x,y", "0," * 1000), "a line has more than 1000 characters")
-    monkeypatch.setattr(trackfields, "MOST", 100)
+    monkeypatch.setattr(trackfile, "MOST", 100)
     np.savez(tmp_path / "a.npz", tracks=np.ones((3, 2, 50)))
     refused(tmp_path / "a.npz", "it holds 3 frames of 50 tracks, more than 100 positions")
-    monkeypatch.setattr(trackfields, "LONGEST", 4)
+    monkeypatch.setattr(trackfile, "LONGEST", 4)
     refused(write(tmp_path / "c.csv", "x_0,y_0", *["1,2"] * 5), "it holds 5 frames of 1 tracks")
 
 
@@ -369,6 +394,7 @@ def test_any_csv_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, bo
 @pytest.mark.data
 def test_real_files(data_folder: Path) -> None:
     yoga = load_tracks(data_folder / "mocap/yoga.mat")
-    assert yoga.tracks.shape == (307, 2, 41) and yoga.notes == () and yoga.cameras is not None
+    assert yoga.tracks.shape == (307, 2, 41) and yoga.notes == ("not used: fields list, Shat, K, theta",)
+    assert yoga.cameras is not None
     assert yoga.structure is not None
     np.testing.assert_allclose(yoga.cameras @ yoga.structure, yoga.tracks, atol=1e-9)

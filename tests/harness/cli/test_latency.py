@@ -14,6 +14,7 @@ from nrsfm.harness.config import jobs
 from nrsfm.harness.config.spans import spanned
 from nrsfm.harness.sweep import conductor
 from nrsfm.harness.tracking import fresh_store, writer_process
+from nrsfm.harness.tracking.tracker import Tracker
 from tests.shell import ROOT, TINY, Shell
 
 
@@ -29,7 +30,7 @@ def loaded(code: str, *names: str) -> set[str]:
     [
         (["ron"], "did you mean run?"),
         (["run", "method=edcs"], "did you mean edsc?"),
-        (["run", "-m", "method=ours,edcs"], "method 'edcs' is none of bmm, "),
+        (["run", "-m", "method=ours,edcs"], "method 'edcs' is none of "),
         (["plan", "experiment=tabel1"], "did you mean table1?"),
         (["report", "tabel1"], "did you mean table1?"),
         (["solve", "none.npz", "--bodies", "2"], "none.npz is not there"),
@@ -121,3 +122,16 @@ def test_a_store_is_made_without_a_cache(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     fresh_store.make_store(tmp_path / "store.db")
     assert (tmp_path / "store.db").stat().st_size
+
+
+def test_records_that_are_all_here_are_compared_without_the_tracker(
+    nrsfm: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert nrsfm("run", *TINY).returncode == 0
+    outcomes = Mock(wraps=Tracker.outcomes, return_value=[])
+    monkeypatch.setattr(Tracker, "outcomes", outcomes)
+    asked = ("compare", *TINY, "compare.against=published")
+    assert "not run yet" not in nrsfm(*asked).stderr
+    assert outcomes.call_count == 0
+    assert "1 of 1 trials are not run yet" in nrsfm(*asked, "noise.level=0.5").stderr
+    assert outcomes.call_count == 1

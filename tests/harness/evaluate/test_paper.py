@@ -46,11 +46,11 @@ def test_bmm(data_folder: Path, registration: str, pair: str) -> None:
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_adaptive_has_no_wrong_track_and_is_level_with_bmm(data_folder: Path, pair: str) -> None:
+def test_adaptive_has_no_wrong_track_and_is_nearer_than_bmm(data_folder: Path, pair: str) -> None:
     pair_scene = scene(data_folder, pair)
     bmm, adaptive = measured(pair_scene, "bmm"), measured(pair_scene, "adaptive")
     assert adaptive["n_wrong"] == 0
-    assert adaptive["e_3d_dai"] <= 1.01 * bmm["e_3d_dai"]
+    assert adaptive["e_3d_dai"] < 0.75 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["dance_yoga", "stretch_yoga"])
@@ -59,7 +59,7 @@ def test_one_per_cent_of_noise_costs_ours_no_track(data_folder: Path, pair: str)
     noisy = scene(data_folder, pair).with_noise(0.01, 0)
     bmm, ours = measured(noisy, "bmm"), measured(noisy, "adaptive")
     assert ours["n_wrong"] == 0
-    assert ours["e_3d_dai"] < 0.85 * bmm["e_3d_dai"]
+    assert ours["e_3d_dai"] < 0.7 * bmm["e_3d_dai"]
 
 
 @pytest.mark.parametrize("pair", ["shark_stretch", "shark_yoga"])

@@ -230,7 +230,7 @@ def test_bad_arguments_of_python(scene: Scene) -> None:
 
 COMMANDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "none.npz is not there; name a file of tracks": (2, ("none.npz", "--bodies", "2")),
-    "wanted .npz, .mat, .csv, .c3d": (2, ("notes.txt", "--bodies", "2")),
+    "its header holds x; wanted the header frame,track,x,y": (2, ("notes.txt", "--bodies", "2")),
     "not a readable .npz file": (2, ("bad.npz", "--bodies", "2")),
     "how many bodies are there? Set": (3, ("bare.npz",)),
     "there are no cameras in the file": (3, ("bare.npz", "--bodies", "2", "--cameras", "known")),

@@ -357,13 +357,13 @@ def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
 
 def test_single_bodies_take_the_published_rank() -> None:
     trials = [trial for trial, _ in expand(["experiment=single_body"])]
-    assert len(trials) == 32
+    assert len(trials) == 48
     ranks = {"drink": 12, "pickup": 12, "yoga": 10, "stretch": 11, "dance": 10, "face": 7, "walking": 8, "shark": 4}
     assert {t.dataset["name"]: t.method["rank"] for t in trials if t.method["name"] == "bmm"} == ranks
     basis = {"drink": 13, "pickup": 12, "yoga": 11, "stretch": 12, "dance": 5, "face": 5, "walking": 2, "shark": 9}
     assert {t.dataset["name"]: t.method["rank"] for t in trials if t.method["name"] == "pta"} == basis
     estimated = [t for t in trials if t.cameras["source"] == "estimated"]
-    assert len(estimated) == 16
+    assert len(estimated) == 24
     assert all(t.cameras["rank"] == t.method["rank"] for t in estimated)
     [(own, _)] = expand(["dataset=mocap_body", "dataset.body=yoga", "cameras=estimated", "cameras.rank=3"])
     assert (own.cameras["rank"], own.dataset["rank"], own.dataset["name"]) == (3, 10, "yoga")

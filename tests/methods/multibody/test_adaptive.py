@@ -16,7 +16,7 @@ from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
 from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody, AdaptiveProblem
 from nrsfm.methods.multibody.motion import directions, noise_variance
-from nrsfm.methods.multibody.problem import State, shape_step
+from nrsfm.methods.multibody.problem import State
 from nrsfm.methods.structure.bmm import BMM
 from tests.methods.multibody.test_printed import slope, with_block
 from tests.methods.parts import lagrangian, observed, present, random_state
@@ -34,14 +34,15 @@ def state(problem: AdaptiveProblem, rng: np.random.Generator) -> State:
     F, _, P = problem.W.shape
     state = random_state(rng, F, P)
     parts = {name: getattr(state, name) for name in ("S", "shape", "C", "E", "Y1")}
-    return State(**parts, Y3=problem.code_penalty * state.Y3, b=state.b)
+    U, Y5 = rng.standard_normal((2, F, 2, P))
+    return State(**parts, U=U, Y3=problem.code_penalty * state.Y3, Y5=Y5, b=state.b)
 
 
-@pytest.mark.parametrize("block", ["S", "C"])
+@pytest.mark.parametrize("block", ["S", "U", "C"])
 def test_quadratic_steps_zero_the_gradient(
     problem: AdaptiveProblem, state: State, rng: np.random.Generator, block: str
 ) -> None:
-    step = {"S": problem.structure_step, "C": problem.code_step}[block]
+    step = {"S": problem.structure_step, "U": problem.image_step, "C": problem.code_step}[block]
     direction = rng.standard_normal(getattr(state, block).shape)
     before = abs(slope(problem, state, block, direction))
     after = abs(slope(problem, with_block(state, block, step(state)), block, direction))
@@ -63,7 +64,7 @@ def test_exact_diagonal_is_the_constrained_minimum(
 def test_proximal_steps_are_minima(
     problem: AdaptiveProblem, state: State, rng: np.random.Generator, block: str
 ) -> None:
-    result = problem.sparse_step(state) if block == "E" else shape_step(problem.l2, state)[0]
+    result = problem.sparse_step(state) if block == "E" else problem.shape_step(state)[0]
     lowest = lagrangian(problem, with_block(state, block, result))
     for _ in range(50):
         change = rng.standard_normal(result.shape) * 10.0 ** rng.uniform(-5, 0)
@@ -75,7 +76,8 @@ def test_proximal_steps_are_minima(
 def test_multipliers_follow_the_gaps(problem: AdaptiveProblem, state: State) -> None:
     gaps = problem.gaps(state)
     after = problem.multiplier_step(state, gaps)
-    np.testing.assert_allclose(after.Y1 - state.Y1, state.b * (state.shape - state.S))
+    np.testing.assert_allclose(after.Y1 - state.Y1, state.b * gaps["shape"])
+    np.testing.assert_allclose(after.Y5 - state.Y5, problem.penalty(state, "images") * gaps["images"])
     np.testing.assert_allclose(after.Y3 - state.Y3, problem.code_penalty * (state.C - state.E), atol=1e-15)
 
 

@@ -17,7 +17,7 @@ from nrsfm.methods.base import Method, MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.lagrangian import PrintedProblem
 from nrsfm.methods.multibody.printed import STARTS, MultiBody
-from nrsfm.methods.multibody.problem import Problem, State, shape_step
+from nrsfm.methods.multibody.problem import Problem, State
 from nrsfm.methods.structure.bmm import BMM
 from tests.methods.parts import lagrangian, present, random_state
 
@@ -97,7 +97,7 @@ def test_sparse_step_is_the_minimum_with_zero_diagonal(
 
 
 def test_shape_step_is_the_minimum(problem: PrintedProblem, state: State, rng: np.random.Generator) -> None:
-    shape, norm = shape_step(problem.l2, state)
+    shape, norm = problem.shape_step(state)
     flat = shape.reshape(len(shape), -1)
     assert norm == pytest.approx(np.linalg.norm(flat, "nuc"), rel=1e-8)
     lowest = lagrangian(problem, replace(state, shape=shape))

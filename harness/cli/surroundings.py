@@ -1,0 +1,46 @@
+"""What a command needs of the process that it runs in: signs that the terminal can print, and short temporary paths."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+STAND_INS: Mapping[str, str] = MappingProxyType(
+    {"✓": "ok", "✗": "no", "○": "-", "↓": "v", "↑": "^", "◇": "*", "–": "-", "±": "+-", "×": "x", "†": "+", "…": "..."}
+)
+"""What stands for a sign on a terminal that does not have it; any other becomes "?"."""
+LONGEST = 70
+"""Bytes of a temporary folder's path. Sockets are made in it, and their paths have at most 104 or 108 bytes."""
+
+
+def prepare() -> None:
+    """Let standard output and error print any text, and keep temporary paths short; children inherit the folder."""
+    codecs.register_error("nrsfm", _stand_in)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="nrsfm")
+    if len(os.fsencode(tempfile.gettempdir())) > LONGEST:
+        shorter = [name for name in ("/tmp", "/var/tmp") if os.access(name, os.W_OK)]
+        if shorter:
+            os.environ["TMPDIR"] = tempfile.tempdir = shorter[0]
+
+
+def keep_traceback() -> Path:
+    """Write the traceback of the exception that is being handled to a file of its own; returns its path."""
+    handle, name = tempfile.mkstemp(prefix="nrsfm-", suffix=".log")
+    with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+        traceback.print_exc(file=file)
+    return Path(name)
+
+
+def _stand_in(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(STAND_INS.get(sign, "?") for sign in error.object[error.start : error.end]), error.end
