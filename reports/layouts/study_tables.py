@@ -57,7 +57,7 @@ SETTINGS = tuple(
 )
 
 #: Frames over which structure keeps still.
-SMOOTHINGS = (0, 10, 20, 30, 50, 100, 1000)
+SMOOTHINGS = (0, 10, 30, 100, 1000)
 
 STUDY_TABLES: Mapping[str, Layout] = {
     "rotation_ablation": Layout(
