@@ -62,7 +62,7 @@ def roughness(tracks: NDArray[Any]) -> float:
     small there alone.
     """
     F, _, P = tracks.shape
-    if F < 2:
+    if F < 2 or not P:
         return np.inf
     f, p = (np.unique(np.linspace(0, n - 1, SAMPLE).astype(int)) for n in (F - 1, P))
     first, second, before, middle = (

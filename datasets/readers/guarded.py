@@ -34,7 +34,7 @@ def read_guarded(kind: str, path: Path, memory: int, *arguments: str | int) -> d
 
     Parameters
     ----------
-    kind : {"c3d", "mat", "mat73"}
+    kind : {"c3d", "mat", "mat73", "h5"}
         The function of :data:`nrsfm.datasets.readers.guarded_child.READERS` that reads it.
     path : Path
     memory : int

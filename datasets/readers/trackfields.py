@@ -73,14 +73,32 @@ def read_fields(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
     source = FIELDS[path.suffix.lower()]
     every = [name for names in NAMES.values() for name in names]
     stored, held = source(path, [*every, *asked.columns.values(), *SLEAP])
+    if "tracks" not in asked.columns and not any(name in stored for name in NAMES["tracks"]):
+        name = _only(path, held)
+        stored, asked = source(path, [name])[0], replace(asked, columns={**asked.columns, "tracks": name})
+    return from_arrays(path, stored, held, asked)
+
+
+def from_arrays(
+    path: Path, stored: Mapping[str, NDArray[Any]], held: Mapping[str, str], asked: Asked = RECOGNISED
+) -> TrackFile:
+    """The tracks in some arrays, as :func:`read_fields`.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    stored : mapping
+        The arrays by name.
+    held : mapping
+        The names of everything that there is, also of what is not among the arrays.
+    asked : Asked
+    """
     if {"tracks", "node_names"} <= set(stored):
         return _sleap(path, stored, held)
     names = {field: _name_of(path, field, asked, stored) for field in NAMES}
-    if not names["tracks"]:
-        names["tracks"] = _only(path, held)
-        stored = {**stored, **source(path, [names["tracks"]])[0]}
-    used = {name for name in names.values() if name}
-    fields = {field: (name, stored[name]) for field, name in names.items() if name}
+    fields = {field: (name, stored[name]) for field, name in names.items() if name is not None}
+    used = {name for name, _ in fields.values()}
     layout = next(layout for layout in LAYOUTS if layout.marks & used or not layout.marks)
     name, array = fields["tracks"]
     array = _unbatched(_numbers(path, name, array))
@@ -110,16 +128,16 @@ def read_fields(path: Path, asked: Asked = RECOGNISED) -> TrackFile:
     return TrackFile(W, frames, ids, labels=labels, bodies=bodies, notes=tuple(notes), image=layout.image, **more)
 
 
-def _name_of(path: Path, field: str, asked: Asked, stored: Collection[str]) -> str:
-    """The name under which a field is there, "" for none."""
-    if name := asked.columns.get(field, ""):
+def _name_of(path: Path, field: str, asked: Asked, stored: Collection[str]) -> str | None:
+    """The name under which a field is there, None if it is not."""
+    if (name := asked.columns.get(field)) is not None:
         if name not in stored:
             raise DatasetError(f"{path}: there is no field {name[:40]!a} for {field}; see --columns")
         return name
     names = [name for name in NAMES[field] if name in stored]
     if len(names) > 1:
         raise DatasetError(f"{path}: it holds {field} twice, as {' and '.join(names)}; leave one of them out")
-    return names[0] if names else ""
+    return names[0] if names else None
 
 
 def _only(path: Path, held: Mapping[str, str]) -> str:

@@ -7,11 +7,14 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nrsfm.harness.cli.parser import Parser, group_choices
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.trial import AUTO
+
+if TYPE_CHECKING:
+    from nrsfm.datasets.readers.trackfile import Asked
 
 Y = (AUTO, "down", "up")
 ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=")
@@ -60,7 +63,7 @@ def _solve(options: argparse.Namespace) -> int:
         "rank": options.rank,
         "overrides": options.overrides,
     }
-    again = f"nrsfm run dataset=tracks dataset.file={options.file} method={options.method}"
+    again = f"nrsfm run dataset=tracks dataset.file={options.file} method={options.method}{_settings(asked)}"
     try:
         with _progress(f"{scene.n_points} tracks over {scene.n_frames} frames") as progress:
             solution = solve(scene, n_bodies, **arguments, progress=progress)
@@ -103,6 +106,18 @@ def _columns(word: str | None) -> dict[str, str]:
     if odd := next(("".join(pair) for pair in pairs if not (pair[0] and pair[2])), None):
         raise UsageError(f"--columns holds {odd!a}, wanted pairs such as frame=img,track=id,x=u,y=v")
     return {role.strip(): name.strip() for role, _, name in pairs}
+
+
+def _settings(asked: Asked) -> str:
+    """The settings of ``dataset=tracks`` that read a file as asked."""
+    columns = ",".join(f"{role}: {name}" for role, name in asked.columns.items())
+    given = {
+        "columns": columns and f"{{{columns}}}",
+        "axes": asked.axes and f"'{asked.axes}'",
+        "confidence": "" if asked.confidence is None else f"{asked.confidence:g}",
+        "y": asked.y,
+    }
+    return "".join(f' "dataset.{name}={value}"' for name, value in given.items() if value not in ("", AUTO))
 
 
 class _Bar:

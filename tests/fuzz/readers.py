@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import warnings
 import zipfile
@@ -11,9 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from nrsfm.datasets.cameras import orbit
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.readers import c3dfile
 from nrsfm.datasets.readers.c3dfile import read_c3d
@@ -234,6 +237,49 @@ def _csvs() -> list[bytes]:
     return [long.encode(), wide.encode(), b"a.x,a.y,b.x,b.y\n1,2,3,4\n2,3,,\n1,2,3,4\n4,5,6,7\n"]
 
 
+def _turning() -> NDArray[np.float64]:
+    """Smooth tracks (F, P, 2), in pixels."""
+    S = 90 * files.rng().standard_normal((3, files.P))
+    return np.asarray((orbit(files.F) @ S).transpose(0, 2, 1) + 300)
+
+
+def _npy(array: NDArray[Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def _trackers() -> dict[str, NDArray[Any]]:
+    """What CoTracker writes."""
+    W = _turning()
+    return {"pred_tracks": W[None], "pred_visibility": np.ones((1, *W.shape[:2], 1), dtype=bool)}
+
+
+def _sleaps() -> list[bytes]:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        file.create_dataset("tracks", data=_turning().transpose(2, 1, 0)[None], compression="gzip")
+        file["node_names"] = [f"n{k}" for k in range(files.P)]
+    return [buffer.getvalue()]
+
+
+def _tables() -> list[bytes]:
+    boxes = [f"{f + 1},{p + 1},{9 * f + p},{f},8,9,1,-1,-1,-1" for f in range(4) for p in range(3)]
+    heads = ("scorer,me,me,me,me", "bodyparts,a,a,b,b", "coords,x,y,x,y")
+    pairs = [f"{f};{f},5;{2 * f};1,25;{f}" for f in range(4)]
+    return [
+        "\n".join(lines).encode()
+        for lines in (boxes, [*heads, *(f"{f},1,{f},3,4" for f in range(4))], ["frame;a_x;a_y;b_x;b_y", *pairs])
+    ]
+
+
+def _poses() -> list[bytes]:
+    held = [
+        {"image_id": f, "idx": k, "keypoints": [f + k + 1, 2, 1, 3 * f + 1, 4, 0.5]} for f in range(4) for k in range(2)
+    ]
+    return [json.dumps(content).encode() for content in (held, {"images": [], "annotations": held})]
+
+
 SCENE = hopkins.SCENES[0]
 TWO_PERSON: dict[str, Any] = {
     "source": "two_person",
@@ -276,6 +322,11 @@ READERS: dict[str, Reader] = {
     "tracks_npz": Reader("a.npz", _seeded(_own_arrays), _own(".npz")),
     "tracks_mat": Reader("a.mat", _own_mats, _own(".mat"), apart=True),
     "tracks_csv": Reader("a.csv", _csvs, _own(".csv")),
+    "tracks_npy": Reader("a.npy", lambda: [_npy(_turning())], _own(".npy")),
+    "tracks_trackers": Reader("a.npz", _seeded(_trackers), _own(".npz")),
+    "tracks_h5": Reader("a.h5", _sleaps, _own(".h5"), apart=True),
+    "tracks_txt": Reader("a.txt", _tables, _own(".txt")),
+    "tracks_json": Reader("a.json", _poses, _own(".json")),
     "tracks_c3d": Reader("a.c3d", lambda: [files.c3d()], _own(".c3d"), apart=True),
     "override": Reader(
         "a.txt",

@@ -27,7 +27,7 @@ FEW = {"apart": 2, "override": 2, "method_yaml": 2}
 SECONDS = 20  # of one file; the fuzz suite runs beside others
 UNNOTICED = 2**25  # bytes that Python takes whatever it reads
 
-MADE = MADE | {name: changed_json(seeds(name)[0]) for name in ("baseline", "work", "running")}
+MADE = MADE | {name: changed_json(seeds(name)[0]) for name in ("baseline", "work", "running", "tracks_json")}
 MADE |= {"journal": changed_json(seeds("journal")[0].splitlines()[0]).map(lambda line: line + b"\n")}
 
 

@@ -94,6 +94,25 @@ def test_two_bodies_are_told_apart(
     assert not list(folder.parent.glob(".*"))  # nothing half
 
 
+def test_a_table_of_other_names_stands_upright(scene: Scene, tmp_path: Path, nrsfm: Shell) -> None:
+    """Pixels, y downwards, semicolons and decimal commas: the structure has y upwards as in the picture."""
+    lines = ["bild;id;u;v;note"]
+    for f, p in np.ndindex(scene.n_frames, scene.n_points):
+        u, v = 80 * scene.tracks[f, :, p] * [1, -1] + 300
+        lines.append(f"img_{f}.png;m{p};{u:.3f};{v:.3f};-".replace(".", ",").replace(",png", ".png"))
+    (tmp_path / "pixels.csv").write_text("\n".join(lines))
+    columns = ("--columns", "frame=bild,track=id,x=u,y=v")
+    done = nrsfm("solve", "pixels.csv", "--bodies", "2", "--method", "bmm_ssc3d", *columns)
+    assert done.returncode == 0, done.stderr
+    assert "not used: column note" in done.stdout and "y points down, as in images" in done.stdout
+    with np.load(tmp_path / "out/solve/pixels/reconstruction.npz") as stored:
+        image = stored["cameras"] @ stored["structure"]
+        assert stored["frame_ids"][10] == "img_10.png"
+    np.testing.assert_allclose(image, 80 * scene.tracks, atol=0.1 * 80)
+    wrong = nrsfm("solve", "pixels.csv", "--bodies", "2", "--columns", "frame")
+    assert wrong.returncode == 3 and "--columns holds 'frame', wanted pairs such as frame=img" in wrong.stderr
+
+
 def test_what_is_written_agrees(scene: Scene, tmp_path: Path) -> None:
     held = scene.with_gaps("random", 0.1)
     solution = solve(load(to_csv(tmp_path, held)), 2)
