@@ -175,7 +175,7 @@ def _without_marks(W: Array, down: bool) -> tuple[Array, list[str]]:
     """The tracks with NaN for positions in an image that mark what was not observed, and notes on such positions."""
     notes = []
     for mark in MISSING:
-        marked = np.asarray(np.equal(W, mark).all(axis=1))
+        marked: NDArray[np.bool_] = np.all(mark == W, axis=1)
         if (count := int(marked.sum())) > 1 and (down or count > 0.01 * marked.size):
             told = " and count as not observed" if down else "; if those were not observed, write NaN"
             notes.append(f"{count} positions are exactly ({mark:g}, {mark:g}){told}")

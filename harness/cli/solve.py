@@ -48,7 +48,7 @@ def _solve(options: argparse.Namespace) -> int:
     n_bodies = _number(options.bodies)
     check_choices([f"method={options.method}"])
     asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
-    scene = load_tracks(options.file.expanduser(), asked=asked)  # its errors come before anything slow is loaded
+    scene = load_tracks(options.file.expanduser(), asked=asked)  # faults are found before anything slow is loaded
     from nrsfm.harness.config.settings import settings_of
     from nrsfm.harness.solving.folder import VIEW, check_folder
     from nrsfm.harness.solving.solve import solve
@@ -77,8 +77,8 @@ def _solve(options: argparse.Namespace) -> int:
         message = " ".join(f"{type(error).__name__}: {error}".split())[:500]
         print(f"nrsfm solve: {options.method} ended with {message}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
-    print(solution)
     solution.save(folder)
+    print(solution)
     print(f"{'written to':<13} {folder}")
     print(f"{'look at it':<13} {(folder / VIEW).resolve().as_uri()}")
     if options.gif:

@@ -193,11 +193,11 @@ class AdaptiveMultiBody(Method):
     handles_gaps = True
     version = "4"
 
-    l1: Sequence[float] = (0.1, 0.3)
+    l1: Sequence[float] = (0.1, 0.5)
     whitening: Sequence[float] = (0.7, 0.5)
     noise: float = 0.005
     floor: float = 0.02
-    nuclear: float = 1.0
+    nuclear: float = 2.0
     smoothing: float = SMOOTHING
     expression: float = 10.0
     max_iter: int = 100

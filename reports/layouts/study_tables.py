@@ -52,12 +52,12 @@ SEARCHED = tuple(Method("ours", where=CHOSEN | dict(changed), label=label) for l
 #: A column of the adaptive method for each setting of the search.
 SETTINGS = tuple(
     Method("adaptive", where={"method.l1": l1, "method.whitening": whitening}, label=f"l1 {l1}, whitening {whitening}")
-    for l1 in ([0.1, 0.3], [0.1, 0.1], [0.3, 0.3])
+    for l1 in ([0.1, 0.5], [0.1, 0.1], [0.5, 0.5])
     for whitening in ([0.7, 0.5], [0.5, 0.5], [0.7, 0.7])
 )
 
 #: Frames over which structure keeps still.
-SMOOTHINGS = (0, 10, 20, 30, 50, 100, 1000)
+SMOOTHINGS = (0, 10, 30, 100, 1000)
 
 STUDY_TABLES: Mapping[str, Layout] = {
     "rotation_ablation": Layout(

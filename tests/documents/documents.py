@@ -223,7 +223,6 @@ RULES = (
     Rule(r"nrsfm solve .*"),
     Rule(r"nrsfm run (-m )?dataset=tracks .*"),
     # single trials and small sweeps: as they are
-    Rule(r"nrsfm run -m dataset=dance_yoga,face_yoga method=adaptive,edsc noise.level=0,0.02", data=True),
     Rule(r"nrsfm run dataset=procedural method=adaptive", "dataset.points=8 dataset.frames=12", quick=True),
     Rule(r"nrsfm run .*"),
     # what reads: after a part of an experiment the rest is missing, which is exit code 2

@@ -103,7 +103,7 @@ def _compose(verb: str, words: list[str]) -> None:
             pytest.skip("the ray extra is absent")
     else:
         parser = module(verb).command_line()
-        given = parser.parse_args(words) if verb == "data" else parser.read(words)
+        given = parser.parse_args(words) if verb == "data" else parser.parse_intermixed_args(words)
         overrides = getattr(given, "overrides", getattr(given, "words", []))
         if verb == "solve":
             overrides.insert(0, f"method={given.method}")

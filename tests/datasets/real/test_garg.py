@@ -109,7 +109,7 @@ def test_an_absent_sequence_is_not_filled(tmp_path: Path) -> None:
         ({"points": 2.5}, "dataset.points"),
         ({"frames": 11}, "dataset.frames is 11"),
         ({"neighbours": 0}, "dataset.neighbours"),
-        ({"fields": {"tracks": "U"}}, r"field U is missing \(the file holds S, W\)"),
+        ({"fields": {"tracks": "U"}}, r"field U is missing \(the file holds S, double"),
     ],
 )
 def test_wrong_settings_are_named(

@@ -30,7 +30,7 @@ def loaded(code: str, *names: str) -> set[str]:
     [
         (["ron"], "did you mean run?"),
         (["run", "method=edcs"], "did you mean edsc?"),
-        (["run", "-m", "method=ours,edcs"], "method 'edcs' is none of bmm, "),
+        (["run", "-m", "method=ours,edcs"], "method 'edcs' is none of "),
         (["plan", "experiment=tabel1"], "did you mean table1?"),
         (["report", "tabel1"], "did you mean table1?"),
         (["solve", "none.npz", "--bodies", "2"], "none.npz is not there"),

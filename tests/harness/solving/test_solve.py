@@ -425,7 +425,7 @@ def test_the_commands_of_the_documents(readers_folder: Path, nrsfm: Shell) -> No
         command for text in (section(), PAGE.read_text()) for command in re.findall(r"(?m)^(?:    )?nrsfm (.*)$", text)
     ]
     commands = list(dict.fromkeys(found))
-    assert len(commands) == 4
+    assert len(commands) == 5
     for command in commands:
         done = nrsfm(*command.split(), *(["dataset.name=mine"] if command.startswith("run") else []))
         assert done.returncode == 0, done.stderr
