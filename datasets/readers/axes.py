@@ -70,8 +70,8 @@ def roughness(tracks: NDArray[Any]) -> float:
     first, second, before, middle = (
         np.asarray(tracks[g][:, :, p], dtype=float) for g in (f, f + 1, [F // 2 - 1], [F // 2])
     )
-    X = first - _median(first, axis=(0, 2))
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        X = first - _median(first, axis=(0, 2))
         step = np.fmax(_median(np.abs(second - first)), _median(np.abs(middle - before)))
         joint = _median(np.abs(np.asarray(tracks[0, 1, p], dtype=float) - np.asarray(tracks[-1, 0, p], dtype=float)))
         return float(np.nan_to_num(step / np.fmin(_median(np.abs(X[:, 0] - X[:, 1])), joint), nan=np.inf))
