@@ -13,8 +13,10 @@ from nrsfm.harness.gate.baseline import Baseline, Blessed
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.record.trial import Trial
+from nrsfm.reports.answer import answer
 from nrsfm.reports.formats.embed import update_document
 from nrsfm.reports.tables.build import build
+from nrsfm.reports.tables.model import Table
 from tests.shell import ROOT, Shell
 
 README, TABLES = "README.md", "docs/tables.md"
@@ -42,18 +44,28 @@ def blessed_run(trial: Trial, row: Blessed) -> Tracked:
     return Tracked(outcome, run_id="8f3c", uri="")
 
 
+def blessed_table(name: str) -> Table:
+    """The table of an experiment, filled with the blessed numbers."""
+    rows = {(row.dataset, row.method): row for row in Baseline.read(locate("tables")).rows}
+    trials = [trial for trial, _ in expand([f"experiment={name}"])]
+    return build(name, [(t, blessed_run(t, rows[t.dataset["name"], t.method["name"]])) for t in trials])
+
+
 @pytest.mark.parametrize(("page", "name"), [(README, "table2"), (TABLES, "table1"), (TABLES, "table2")])
 def test_tables_are_printed_from_the_blessed_numbers(page: str, name: str, tmp_path: Path) -> None:
     """Whoever changes a number blesses it, and whoever blesses it renews the documents."""
-    rows = {(row.dataset, row.method): row for row in Baseline.read(locate("tables")).rows}
-    answers = [
-        (trial, blessed_run(trial, rows[trial.dataset["name"], trial.method["name"]]))
-        for trial, _ in expand([f"experiment={name}"])
-    ]
     copy = tmp_path / "page.md"
     shutil.copy(ROOT / page, copy)
-    update_document(copy, [build(name, answers)])
+    update_document(copy, [blessed_table(name)])
     assert copy.read_text() == (ROOT / page).read_text(), f"nrsfm report {name} --into {page}"
+
+
+def test_the_answer_follows_from_the_blessed_numbers() -> None:
+    sentences = answer([blessed_table("table1"), blessed_table("table2")], [])
+    assert len(sentences) == 3
+    text = (ROOT / README).read_text()
+    for sentence in sentences:
+        assert f"\n- {sentence}\n" in text
 
 
 @pytest.mark.slow

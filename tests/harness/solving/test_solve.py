@@ -442,7 +442,7 @@ def test_a_real_pair(cameras: bool, data_folder: Path, tmp_path: Path) -> None:
     object.__setattr__(real, "cameras", real.cameras if cameras else None)
     solution = solve(to_npz(tmp_path, real), 2)
     assert solution.metrics["n_wrong"] == 0
-    assert solution.metrics["e_3d_dai"] == pytest.approx(0.0397 if cameras else 0.068, abs=1e-4 if cameras else 0.02)
+    assert solution.metrics["e_3d_dai"] == pytest.approx(0.0267 if cameras else 0.046, abs=1e-4 if cameras else 0.02)
 
 
 def test_time_is_spent_on_solving(scene: Scene, tmp_path: Path) -> None:
