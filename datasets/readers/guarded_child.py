@@ -103,17 +103,24 @@ def _fields5(path: str) -> list[tuple[str, tuple[int, ...], str]]:
             file.seek(size - len(content), os.SEEK_CUR)
             if kind == 15:  # compressed, with its own tag
                 content = zlib.decompressobj().decompress(content, HEAD)[8:]
-            parts = _elements(content, order)
-            (flags,) = struct.unpack_from(f"{order}I", next(parts))
-            if flags & 0xFF == OBJECT:
-                name, _, word = (next(parts).decode("latin-1") for _ in range(3))
-                found.append((name, (), word))
-                continue
-            sizes = next(parts)
-            shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-            word = "logical" if flags & 0x200 else dict(enumerate(CLASSES, 1)).get(flags & 0xFF, "unknown")
-            found.append((next(parts).decode("latin-1"), shape, word))
+            try:
+                found.append(_field5(content, order))
+            except (StopIteration, struct.error):
+                raise ValueError("a field is cut off") from None
     return found
+
+
+def _field5(content: bytes, order: str) -> tuple[str, tuple[int, ...], str]:
+    """Name, size and class of a field; an object has no size, and a class of its own."""
+    parts = _elements(content, order)
+    (flags,) = struct.unpack_from(f"{order}I", next(parts))
+    if flags & 0xFF == OBJECT:
+        name, _, word = (next(parts).decode("latin-1") for _ in range(3))
+        return name, (), word
+    sizes = next(parts)
+    shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
+    word = "logical" if flags & 0x200 else dict(enumerate(CLASSES, 1)).get(flags & 0xFF, "unknown")
+    return next(parts).decode("latin-1"), shape, word
 
 
 def _elements(content: bytes, order: str) -> Iterator[bytes]:

@@ -100,7 +100,8 @@ def _threads(work: Work, n_workers: int) -> None:
     with ThreadPoolExecutor(n_workers) as pool:
         workers = [pool.submit(go_through, work) for _ in range(n_workers)]
         try:
-            wait(workers)
+            while wait(workers, timeout=1).not_done:
+                pass  # an interrupt that another thread received is seen here
         except BaseException:
             work.end()
             raise

@@ -48,7 +48,7 @@ def test_errors_are_one_clear_line(nrsfm: Shell, words: list[str], code: int, sa
     [
         (None, "is not there"),
         (b"", "not a readable MATLAB file"),
-        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0f\x00\x00\x00\xff\xff\x00\x00", "could not read"),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0f\x00\x00\x00\xff\xff\x00\x00", "a field is cut off"),
         (np.zeros((9, 41)), "shape (9, 41), wanted (921, 41)"),
         (np.full((921, 41), np.nan), "NaN or infinite"),
     ],

@@ -98,7 +98,7 @@ def test_outside_a_checkout_it_makes_a_package(nrsfm: Shell, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["method", "adaptive"], "there is a method ours already"),
+        (["method", "adaptive"], "there is a method adaptive already"),
         (["method", "bmm_ssc3d"], "there is a method bmm_ssc3d already"),
         (["method", "gaps"], "there is a method gaps already"),
         (["dataset", "procedural"], "there is a dataset procedural already"),

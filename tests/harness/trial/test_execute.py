@@ -349,7 +349,7 @@ def test_impossible_settings_are_refused_before_anything_runs(overrides: list[st
 
 def test_sweep_parameters_of_an_experiment_can_be_overridden() -> None:
     full = expand(["experiment=table1"])
-    assert len(full) == 56
+    assert len(full) == 64
     few = expand(["experiment=table1", "method=adaptive,edsc", "dataset=face_yoga", "dataset.motion=native"])
     assert [(t.dataset["name"], t.method["name"]) for t, _ in few] == [("face_yoga", "adaptive"), ("face_yoga", "edsc")]
     assert {t.dataset["motion"] for t, _ in few} == {"native"}
