@@ -115,7 +115,7 @@ def _field5(content: bytes, order: str) -> tuple[str, tuple[int, ...], str]:
     parts = _elements(content, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts))
     if flags & 0xFF == OBJECT:
-        name, _, word = (next(parts).decode("latin-1") for _ in range(3))
+        name, _, word = [next(parts).decode("latin-1") for _ in range(3)]  # a generator would hide the end
         return name, (), word
     sizes = next(parts)
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
