@@ -24,7 +24,7 @@ apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update -
   echo "cannot install $(1): what needs it is skipped" >&2
 TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
 
-.PHONY: help tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres \
+.PHONY: help tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres shells \
   bench fuzz picture docs dist hooks format clean
 
 help:
@@ -64,7 +64,7 @@ bench: $(INSTALLED)
 	$(PIP) --editable '.[dev,bench]'
 	$(BIN)/pytest tests/benchmarks --override-ini addopts= --benchmark-columns=min,median,rounds
 
-validate: $(INSTALLED) browser tex postgres
+validate: $(INSTALLED) browser tex postgres shells
 	$(PIP) --editable '.[dev,docs,ray,server,umpm,mat73]'
 	$(BIN)/pytest -m 'slow or tex or site'
 
@@ -89,6 +89,9 @@ browser:
 
 tex:
 	@{ command -v pdflatex && kpsewhich multirow.sty; } >/dev/null 2>&1 || $(call apt,$(TEX))
+
+shells:
+	@{ command -v zsh && command -v fish; } >/dev/null || $(call apt,zsh fish)
 
 postgres: $(INSTALLED)
 	@$(BIN)/python -c 'import sys; from tests.harness.tracking.servers import postgres_folder as p; sys.exit(p() is None)' || \

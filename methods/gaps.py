@@ -6,9 +6,11 @@ it is unknown, so residuals are taken after the translation that fits the visibl
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from nrsfm.methods.base import Array, Mask, check_tracks
+from nrsfm.methods.base import Array, Mask, Observations, check_tracks, standardise
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
@@ -49,6 +51,19 @@ def fill(W: Array, X: Array, visible: Mask) -> Array:
     """
     X = X - X.mean(axis=2, keepdims=True)
     return X + misfit(W, X, visible)
+
+
+def complete_by(observations: Observations, fit: Callable[[Array, Array, Mask], Array]) -> Array:
+    """Centred tracks whose gaps are filled with the images of a structure; tracks without gaps as they are.
+
+    ``fit`` gives the structure (F, 3, P) of standardised tracks (F, 2, P), cameras (F, 2, 3) and visible (F, P).
+    """
+    visible, cameras = observations.visible, observations.required_cameras()
+    if visible is None:
+        return observations.tracks
+    data = standardise(observations.tracks, visible)
+    observations.stage("gaps")
+    return data.scale * fill(data.W, cameras @ fit(data.W, cameras, visible), visible)
 
 
 def complete(tracks: Array, visible: Mask | None, *, max_iter: int = 1000, tol: float = 1e-4) -> Array:

@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction
+from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Progress, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.gaps import complete_by
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
 from nrsfm.methods.multibody.problem import DIAGONALS, Gaps, Problem, State, minimise, solve_code
 from nrsfm.methods.numerics.admm import Admm
@@ -37,7 +38,6 @@ from nrsfm.methods.structure.smooth_bmm import (
     SMOOTHING,
     SmoothFit,
     Smoothness,
-    complete_by_smooth_shape,
     fit_smooth,
 )
 
@@ -210,7 +210,12 @@ class AdaptiveMultiBody(Method):
         cameras, progress = observations.required_cameras(), observations.progress
         base.check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-        data = base.standardise(complete_by_smooth_shape(observations, self.smoothing))
+
+        def smooth(W: Array, cameras: Array, visible: Mask) -> Array:
+            smoothness = Smoothness(cameras, self.smoothing)
+            return fit_smooth(W, smoothness, visible=visible, progress=progress).structure
+
+        data = base.standardise(complete_by(observations, smooth))
         observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
         observations.stage("structure and code")

@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Method, MethodError, Observations, Reconstruction
+from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Reconstruction
 from nrsfm.methods.clustering.spectral import CUTS, spectral_clustering
+from nrsfm.methods.gaps import complete_by
 from nrsfm.methods.multibody.implicit import ImplicitProblem, implicit_bytes
 from nrsfm.methods.multibody.lagrangian import PrintedProblem, dense_bytes
 from nrsfm.methods.multibody.problem import DIAGONALS, minimise
 from nrsfm.methods.multibody.spatial import Neighbours, SpatialProblem
 from nrsfm.methods.numerics.admm import Admm
-from nrsfm.methods.structure.bmm import complete_by_shape, fit_shape
+from nrsfm.methods.structure.bmm import fit_shape
 
 STARTS = ("bmm", "pseudoinverse")
 FORMS = ("auto", "dense", "implicit")
@@ -96,7 +97,11 @@ class MultiBody(Method):
         n_points = observations.tracks.shape[2]
         base.check_bodies(n_bodies, n_points, least=1)
         self._check_settings()
-        data = base.standardise(complete_by_shape(observations))
+
+        def shape(W: Array, cameras: Array, visible: Mask) -> Array:
+            return fit_shape(W, cameras, visible=visible, progress=progress).structure
+
+        data = base.standardise(complete_by(observations, shape))
         problem = self._problem(data.W, cameras, observations.edges)
         observations.stage("structure and code")
         admm = Admm(

@@ -11,7 +11,7 @@ import numpy as np
 
 from nrsfm.methods import base
 from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Progress, Reconstruction
-from nrsfm.methods.gaps import fill, misfit
+from nrsfm.methods.gaps import misfit
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
@@ -132,20 +132,6 @@ def fit_shape(
         Y += Z - S_relaxed
         Y /= admm.balance(float(np.linalg.norm(Z - S)) / size, float(np.linalg.norm(Z - before)) / size)
     return ShapeFit(S, Z, b * Y, b, norm, admm.residual, admm.iteration)
-
-
-def complete_by_shape(observations: Observations) -> Array:
-    """Centred tracks whose gaps are filled with the images of the structure of least nuclear norm.
-
-    That structure meets R S = W where tracks are visible. Tracks without gaps are returned as they are.
-    """
-    visible, cameras = observations.visible, observations.required_cameras()
-    if visible is None:
-        return observations.tracks
-    data = base.standardise(observations.tracks, visible)
-    observations.stage("gaps")
-    fit = fit_shape(data.W, cameras, 0.0, visible, progress=observations.progress)
-    return data.scale * fill(data.W, cameras @ fit.structure, visible)
 
 
 def cut_rank(structure: Array, rank: int) -> Array:

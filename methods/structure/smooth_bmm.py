@@ -18,12 +18,12 @@ import numpy as np
 import scipy.linalg
 
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Mask, MethodError, Observations, Progress
-from nrsfm.methods.gaps import fill, misfit
+from nrsfm.methods.base import Array, Mask, MethodError, Progress
+from nrsfm.methods.gaps import misfit
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import singular_value_threshold
-from nrsfm.methods.structure.bmm import BMM
+from nrsfm.methods.structure.bmm import BMM, ShapeFit
 
 #: Frames over which structure keeps still.
 SMOOTHING = 30.0
@@ -89,21 +89,11 @@ class Smoothness:
 
 
 @dataclass(frozen=True)
-class SmoothFit:
-    """Solution of :func:`fit_smooth`, with the multipliers and the penalty that its ADMM ended with.
+class SmoothFit(ShapeFit):
+    """Solution of :func:`fit_smooth`; the shape is Z. U has a multiplier of its own, with the penalty k b."""
 
-    They are at weight 1 of the nuclear norm: the multipliers belong to Z = L S and U = R S, with penalties b and k b.
-    """
-
-    structure: Array  # S, (F, 3, P)
-    shape: Array  # Z, of low rank, (F, 3, P)
     images: Array  # U, (F, 2, P)
-    multiplier: Array  # of Z, (F, 3, P)
-    images_multiplier: Array  # of U, (F, 2, P)
-    penalty: float  # b
-    nuclear_norm: float
-    residual: float  # relative, at the end
-    iterations: int
+    images_multiplier: Array  # of U = R S, (F, 2, P)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -124,9 +114,8 @@ class SmoothBMM(BMM):
         """The (F, 3, P) structure of centred tracks."""
         base.check_at_least(self, 0, "smoothing")
         smoothness = Smoothness(cameras, self.smoothing)
-        return fit_smooth(
-            W, smoothness, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress
-        ).structure
+        fitted = fit_smooth(W, smoothness, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
+        return fitted.structure
 
 
 def fit_smooth(
@@ -190,18 +179,4 @@ def fit_smooth(
         Y_images /= factor
     S = S + R.transpose(0, 2, 1) @ (U - R @ S)
     b = admm.penalty
-    return SmoothFit(S, Z, U, b * Y, IMAGES * b * Y_images, b, norm, admm.residual, admm.iteration)
-
-
-def complete_by_smooth_shape(observations: Observations, smoothing: float = SMOOTHING) -> Array:
-    """Centred tracks whose gaps are filled with the images of the smoothest structure that meets the visible ones.
-
-    Tracks without gaps are returned as they are.
-    """
-    visible, cameras = observations.visible, observations.required_cameras()
-    if visible is None:
-        return observations.tracks
-    data = base.standardise(observations.tracks, visible)
-    observations.stage("gaps")
-    fit = fit_smooth(data.W, Smoothness(cameras, smoothing), 0.0, visible, progress=observations.progress)
-    return data.scale * fill(data.W, cameras @ fit.structure, visible)
+    return SmoothFit(S, Z, b * Y, b, norm, admm.residual, admm.iteration, U, IMAGES * b * Y_images)

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from rich.table import Table
 
+from tests.benchmarks.shown import show
 from tests.shell import ROOT, TINY
 
 ROUNDS = 3
@@ -76,10 +76,5 @@ def test_cpu_seconds_of_commands(tmp_path: Path, capsys: pytest.CaptureFixture[s
     table = Table("what", "CPU s", "ratio", title="CPU seconds of commands, all processes")
     for name, value in cost.items():
         table.add_row(name, f"{value:.2f}", f"{value / bare:.1f}")
-    with capsys.disabled():
-        console = Console(width=110)
-        console.print()
-        console.print(table)
-        load = os.getloadavg()[0]
-        console.print(f"least of {ROUNDS}, {os.cpu_count()} cores, load {load:.1f}", highlight=False)
+    show(capsys, table, f"least of {ROUNDS}")
     assert all(value > 0 for value in cost.values())

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filelock import FileLock
-from rich.console import Console
 from rich.table import Table
 
 from nrsfm.harness.config.settings import Settings
@@ -30,6 +29,7 @@ from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import run_isolated
 from nrsfm.harness.trial.journal import Entry, note
 from nrsfm.harness.trial.worker import compute
+from tests.benchmarks.shown import show
 from tests.shell import ODD, ROOT, naughty_package  # noqa: F401
 
 TRIALS = 200
@@ -108,12 +108,7 @@ def test_where_the_time_of_a_trial_goes(
     for part, words in PARTS.items():
         table.add_row(part, words, f"{cost[part]:.1f}")
     table.add_row("all", "", f"{sum(cost.values()):.1f}")
-    with capsys.disabled():
-        console = Console(width=110)
-        console.print()
-        console.print(table)
-        load = os.getloadavg()[0]
-        console.print(f"least of {len(made)} trials each, {os.cpu_count()} cores, load {load:.1f}", highlight=False)
+    show(capsys, table, f"least of {len(made)} trials each")
     assert len(store.outcomes()) == len(made) + 1
     assert all(value > 0 for value in cost.values())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -56,3 +57,21 @@ def lagrangian(problem: Problem, state: State) -> float:
         value += float(np.sum(getattr(state, MULTIPLIERS[name]) * gap))
         value += problem.penalty(state, name) / 2 * float(np.sum(gap**2))
     return value
+
+
+def assert_least_over_depth(norm: Callable[[Array], float], S: Array, cameras: Array) -> None:
+    """No change of depth, which is the only freedom of R S = W, lowers a norm of the structure."""
+    depth = np.cross(cameras[:, 0], cameras[:, 1])[:, :, None]
+    lowest = norm(S)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        change = depth * rng.standard_normal((len(S), 1, S.shape[2])) * 10.0 ** rng.uniform(-4, 0)
+        assert norm(S + change) >= lowest - 1e-5 * lowest
+
+
+def assert_subgradient(G: Array, X: Array, tol: float) -> None:
+    """G is a subgradient of the nuclear norm at X: |G|_2 <= 1, and U'G V = I in the singular vectors of X."""
+    U, s, Vt = np.linalg.svd(X, full_matrices=False)
+    r = int((s > 1e-5 * s[0]).sum())
+    assert np.linalg.norm(G, 2) < 1 + 1e-3
+    np.testing.assert_allclose(U[:, :r].T @ G @ Vt[:r].T, np.eye(r), atol=tol)

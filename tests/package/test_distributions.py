@@ -94,8 +94,9 @@ def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Installe
     done = subprocess.run(
         [*pip, "--constraint", str(ROOT / "constraints.txt"), str(wheel)], capture_output=True, text=True, check=False
     )
-    if done.returncode:
-        pytest.skip(f"the dependencies cannot be installed: {done.stderr.strip().splitlines()[-1]}")
+    if "from versions: none" in done.stderr:
+        pytest.skip("no package index can be reached")
+    assert done.returncode == 0, done.stderr
     (folder / "empty").mkdir()
     environment = {
         "PATH": str(binaries),

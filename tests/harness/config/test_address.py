@@ -58,7 +58,7 @@ def test_a_shown_configuration_has_no_password(nrsfm: Shell) -> None:
 def test_a_login_becomes_the_variables_that_mlflow_reads() -> None:
     assert split("http://anna:a%40b%2F@host:5000/x") == ("http://host:5000/x", {USER: "anna", PASSWORD: "a@b/"})
     assert split("https://anna:a/b@c@host") == ("https://host", {USER: "anna", PASSWORD: "a/b@c"})
-    for plain in ("http://host:5000", "sqlite:////tmp/a@b/mlflow.db"):
+    for plain in ("http://host:5000", "sqlite:///a@b/mlflow.db"):
         assert split(plain) == (plain, {})
     assert shown("at http://anna:a/b@c@host/x: no") == "at http://host/x: no"
 
@@ -75,7 +75,7 @@ def test_a_login_becomes_the_variables_that_mlflow_reads() -> None:
 )
 def test_what_a_server_says_in_plain_words(said: str, wanted: str) -> None:
     assert wanted in explain(RuntimeError(said), "http://host:5000")
-    assert said in explain(RuntimeError(said), "sqlite:////tmp/mlflow.db")
+    assert said in explain(RuntimeError(said), "sqlite:///mlflow.db")
 
 
 @pytest.fixture

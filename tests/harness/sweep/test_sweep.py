@@ -85,9 +85,12 @@ def small_disk(tmp_path: Path) -> Iterator[Callable[[str], None]]:
     place.mkdir()
 
     def mount(options: str) -> None:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], capture_output=True)
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)]
+        done = subprocess.run(command, capture_output=True, text=True)
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], capture_output=True, text=True
+        )
         if done.returncode:
-            pytest.skip("no right to mount a file system here")
+            pytest.skip(f"no file system can be mounted here: {done.stderr.strip()}")
         mounted.append(place)
 
     yield mount
