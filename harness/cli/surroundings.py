@@ -13,7 +13,22 @@ from pathlib import Path
 from types import MappingProxyType
 
 STAND_INS: Mapping[str, str] = MappingProxyType(
-    {"✓": "ok", "✗": "no", "○": "-", "↓": "v", "↑": "^", "◇": "*", "–": "-", "±": "+-", "×": "x", "†": "+", "…": "..."}
+    {
+        "✓": "ok",
+        "✗": "no",
+        "○": "-",
+        "↓": "v",
+        "↑": "^",
+        "◇": "*",
+        "–": "-",
+        "±": "+-",
+        "×": "x",
+        "†": "+",
+        "…": "...",
+        "“": '"',
+        "”": '"',
+        "’": "'",
+    }
 )
 """What stands for a sign on a terminal that does not have it; any other becomes "?"."""
 LONGEST = 70

@@ -116,8 +116,9 @@ def _start_ray(config: Any) -> None:
     if not ray.is_initialized():
         handler = signal.getsignal(signal.SIGTERM)
         try:
-            # an existing cluster has its store, and Ray refuses a size for it
-            ray.init(**({} if config.get("address") else {"object_store_memory": RAY_STORE}) | config)
+            # without an address Ray would join any cluster of this machine, and refuse a size for its store
+            own = {} if config.get("address") else {"object_store_memory": RAY_STORE} | config | {"address": "local"}
+            ray.init(**config | own)
         finally:
             signal.signal(signal.SIGTERM, handler)
 

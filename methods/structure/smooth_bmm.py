@@ -117,6 +117,10 @@ class SmoothBMM(BMM):
         fitted = fit_smooth(W, smoothness, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         return fitted.structure
 
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Bytes of fifteen arrays of 3F x P, as measured."""
+        return 8.0 * 15 * 3 * n_frames * n_points
+
 
 def fit_smooth(
     W: Array,

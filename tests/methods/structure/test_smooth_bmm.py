@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -111,3 +112,13 @@ def test_a_negative_smoothing_is_refused(small_scene: Scene) -> None:
 
 def centred(tracks: Array) -> Array:
     return np.asarray(tracks - tracks.mean(axis=2, keepdims=True))
+
+
+@pytest.mark.parametrize("method", [BMM(max_iter=5), SmoothBMM(max_iter=5)], ids=["bmm", "smooth_bmm"])
+def test_the_memory_that_is_announced_suffices(method: BMM) -> None:
+    scene = procedural.load_scene(["person", "face"], points=100, frames=60, seed=0, name="two", placement="paper")
+    tracemalloc.start()
+    method.reconstruct(observed(scene))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < method.memory(scene.n_frames, scene.n_points) < 2 * peak
