@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import random
+import re
 import signal
 import sqlite3
 import time
@@ -156,6 +157,8 @@ def _title(pid: int) -> str:
 
 
 KINDS = ("sweep", "writer", "server", "trial", "worker")
+#: What joblib's resource tracker prints, started again after a kill, of what the first had registered (joblib #1243).
+FORGOTTEN = re.compile(r'Traceback \(.*\n  File ".*/loky/backend/resource_tracker\.py", .*\n(?: .*\n)+KeyError: .*\n')
 
 
 def _kinds(tmp_path: Path, sweep: int) -> dict[str, list[int]]:
@@ -207,7 +210,7 @@ def test_fifty_kills_at_random_moments(
                 os.kill(rng.choice(victims), signal.SIGKILL)
                 killed[kind] += 1
         out, err = sweep.communicate(timeout=600)
-        assert "Traceback" not in err, err
+        assert "Traceback" not in FORGOTTEN.sub("", err), err
         if sweep.returncode == 0:
             length = time.monotonic() - begun
             assert len(records(tmp_path)) == total, out
