@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     _write(texts)
     tests = next(path for path in texts if path.name == f"test_{options.name}.py")
     print("\n".join(f"wrote {_short(path)}" for path in texts))
-    print(f"{after}  pytest {_short(tests)}\n  nrsfm run experiment=quick {options.kind}={options.name}")
+    print(f"{after}  pytest -n0 {_short(tests)}\n  nrsfm run experiment=quick {options.kind}={options.name}")
     return 0
 
 
