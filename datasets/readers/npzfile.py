@@ -76,7 +76,7 @@ def _each(path: Path, take: Callable[[str, IO[bytes]], None]) -> None:
             for info in archive.infolist():
                 name = info.filename.removesuffix(".npy")
                 if name in seen:
-                    raise ValueError(f"{info.filename!a} is there twice")
+                    raise ValueError(f"{info.filename!a} is stored twice")
                 seen.add(name)
                 if info.compress_type not in PLAIN:
                     raise ValueError(f"{info.filename!a} is compressed in another way than numpy does")

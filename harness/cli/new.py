@@ -150,7 +150,7 @@ def command_line() -> Parser:
     parser = Parser(
         "nrsfm new",
         "Write a method or a dataset of your own. Its module, configuration and test run at once. "
-        "In a checkout of the harness they go into its folders, elsewhere into a package to install.",
+        "In a checkout of nrsfm they go into its folders, elsewhere into a package to install.",
         """\
 nrsfm new method my_method  # then: nrsfm run experiment=quick method=my_method
 nrsfm new dataset my_scenes

@@ -138,7 +138,7 @@ def test_the_wheel_runs_in_a_clean_environment(installed: Installed) -> None:
     assert "dataset=procedural" in installed("completion", "--query", "nrsfm run dataset=pro").stdout
     assert "complete" in installed("completion", "bash").stdout
     assert "0 of" in installed("data", "list").stdout
-    assert "the harness can be used" in installed("doctor").stdout
+    assert "nrsfm can be used" in installed("doctor").stdout
 
     assert "1 run" in installed("run", "dataset=procedural", "dataset.points=8", "dataset.frames=12").stdout
     quick = ("experiment=quick", "method=edsc")
