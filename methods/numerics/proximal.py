@@ -42,3 +42,20 @@ def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
     start = int((s <= threshold).sum())  # ascending
     U, s = U[:, start:], s[start:]
     return (U * (1 - threshold / s)) @ (U.T @ M), float((s - threshold).sum())
+
+
+def weighted_singular_value_threshold(M: Array, thresholds: Array) -> Array:
+    """Proximal step of ``sum_i thresholds_i sigma_i(M)`` with thresholds that do not fall: each value shrunk by its own.
+
+    ``thresholds`` is (min(M.shape),), for singular values from the largest down. The sum is not convex, but with
+    thresholds in this order shrinking keeps the order of the values, and that is the minimiser.
+
+    References
+    ----------
+    Gu, Zhang, Zuo, Feng, "Weighted nuclear norm minimization with application to image denoising", CVPR 2014; Oh, Tai,
+    Bazin, Kim, Kweon, "Partial sum minimization of singular values in robust PCA", PAMI 2016, for thresholds of 0.
+    """
+    U, s, Vt = scipy.linalg.svd(M, full_matrices=False, check_finite=False)
+    kept = s > thresholds
+    shrunk: Array = (U[:, kept] * (s - thresholds)[kept]) @ Vt[kept]
+    return shrunk
