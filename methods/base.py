@@ -196,10 +196,13 @@ def check_at_least(owner: object, least: float, *names: str) -> None:
     _check(owner, names, lambda value: _is_number(value) and value >= least, f"a number >= {least:g}")
 
 
-def check_count(owner: object, *names: str) -> None:
-    """Raise MethodError unless each of these hyper-parameters is a whole number of at least 1."""
+def check_count(owner: object, *names: str, least: int = 1) -> None:
+    """Raise MethodError unless each of these hyper-parameters is a whole number of at least ``least``."""
     _check(
-        owner, names, lambda value: _is_number(value) and isinstance(value, int) and value >= 1, "a whole number >= 1"
+        owner,
+        names,
+        lambda value: _is_number(value) and isinstance(value, int) and value >= least,
+        f"a whole number >= {least}",
     )
 
 

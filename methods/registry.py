@@ -28,12 +28,14 @@ from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, Recon
 from nrsfm.methods.structure.bmm import BMM
 from nrsfm.methods.structure.pta import PTA
 from nrsfm.methods.structure.smooth_bmm import SmoothBMM
+from nrsfm.methods.structure.weighted_bmm import WeightedBMM
 
 ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "adaptive": AdaptiveMultiBody,
     "ours": MultiBody,
     "bmm": BMM,
     "smooth_bmm": SmoothBMM,
+    "weighted_bmm": WeightedBMM,
     "pta": PTA,
     "ssc": SSC,
     "ssc_omp": SSCOMP,

@@ -45,10 +45,10 @@ def singular_value_threshold(M: Array, threshold: float) -> tuple[Array, float]:
 
 
 def weighted_singular_value_threshold(M: Array, thresholds: Array) -> Array:
-    """Proximal step of ``sum_i thresholds_i sigma_i(M)`` with thresholds that do not fall: each value shrunk by its own.
+    """Proximal step of ``sum_i thresholds_i sigma_i(M)`` with thresholds that do not fall.
 
     ``thresholds`` is (min(M.shape),), for singular values from the largest down. The sum is not convex, but with
-    thresholds in this order shrinking keeps the order of the values, and that is the minimiser.
+    thresholds in this order shrinking each value by its own keeps the order of the values, and that is the minimiser.
 
     References
     ----------

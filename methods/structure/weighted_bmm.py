@@ -20,7 +20,6 @@ from nrsfm.methods import base
 from nrsfm.methods.base import Array, Mask, Method, Observations, Progress, Reconstruction
 from nrsfm.methods.gaps import misfit
 from nrsfm.methods.numerics.admm import Admm
-from nrsfm.methods.numerics.linear import TINY
 from nrsfm.methods.numerics.proximal import weighted_singular_value_threshold
 
 
@@ -65,12 +64,16 @@ class WeightedBMM(Method):
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
         base.check_positive(self, "weight", "gamma", "penalty", "max_penalty", "tol")
         base.check_at_least(self, 1, "growth")
-        base.check_at_least(self, 0, "free")
+        base.check_count(self, "free", least=0)
         cameras, visible = observations.required_cameras(), observations.visible
         data = base.standardise(observations.tracks, visible)
         observations.stage("structure")
         S = self._fit(data.W, cameras, visible, observations.progress)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Bytes of ten arrays of 3F x P, as measured."""
+        return 8.0 * 10 * 3 * n_frames * n_points
 
     def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
         """The (F, 3, P) structure of centred tracks."""

@@ -22,6 +22,8 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ours_no_nuclear": "Ours, no nuclear norm",
         "bmm": "BMM",
         "smooth_bmm": "Smooth BMM",
+        "r_bmm": "R-BMM",
+        "organic": "Organic priors",
         "pta": "PTA",
         "edsc": "EDSC",
         "edsc_dim15": "EDSC, Dim 15",

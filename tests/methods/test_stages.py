@@ -35,6 +35,8 @@ WAYS = {
     "ours": (["structure and code", "clustering"], {"structure and code"}),
     "bmm": (["structure"], {"structure"}),
     "smooth_bmm": (["structure"], {"structure"}),
+    "r_bmm": (["structure"], {"structure"}),
+    "organic": (["structure"], {"structure"}),
     "pta": (["structure"], set()),
     "ssc2d": (["clustering"], set()),
     "edsc": (["clustering"], set()),
@@ -50,7 +52,7 @@ def test_every_method_reports_its_stages(name: str, small_scene: Scene) -> None:
     ((trial, _),) = expand([f"method={name}"])
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     listener = Listener()
-    n_bodies = 1 if name in ("bmm", "smooth_bmm", "pta") else 2
+    n_bodies = 1 if method.provides == {"structure"} else 2
     method.reconstruct(Observations(small_scene.tracks, small_scene.cameras, progress=listener), n_bodies)
     assert (listener.stages, listener.counted) == WAYS[name]
 
