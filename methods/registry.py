@@ -26,6 +26,7 @@ from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.printed import MultiBody
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from nrsfm.methods.structure.bmm import BMM
+from nrsfm.methods.structure.csf import CSF
 from nrsfm.methods.structure.pta import PTA
 from nrsfm.methods.structure.smooth_bmm import SmoothBMM
 from nrsfm.methods.structure.weighted_bmm import WeightedBMM
@@ -37,6 +38,7 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "smooth_bmm": SmoothBMM,
     "weighted_bmm": WeightedBMM,
     "pta": PTA,
+    "csf": CSF,
     "ssc": SSC,
     "ssc_omp": SSCOMP,
     "edsc": EDSC,

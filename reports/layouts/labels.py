@@ -25,6 +25,8 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "r_bmm": "R-BMM",
         "organic": "Organic priors",
         "pta": "PTA",
+        "csf1": "CSF",
+        "csf2": "CSF2",
         "edsc": "EDSC",
         "edsc_dim15": "EDSC, Dim 15",
         "ssc2d": "SSC(2D)",

@@ -38,6 +38,8 @@ WAYS = {
     "r_bmm": (["structure"], {"structure"}),
     "organic": (["structure"], {"structure"}),
     "pta": (["structure"], set()),
+    "csf1": (["structure"], {"structure"}),
+    "csf2": (["structure"], {"structure"}),
     "ssc2d": (["clustering"], set()),
     "edsc": (["clustering"], set()),
     "omp2d": (["clustering"], set()),
