@@ -21,6 +21,7 @@ from nrsfm.methods.base import Array, Mask, Method, Observations, Progress, Reco
 from nrsfm.methods.gaps import misfit
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.proximal import weighted_singular_value_threshold
+from nrsfm.methods.structure.bmm import cut_rank
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -41,6 +42,8 @@ class WeightedBMM(Method):
         Keeps weights finite, in standardised units.
     penalty, growth, max_penalty : float
         b at the start, its factor per iteration, and its limit, at which the iteration ends.
+    rank : int or None
+        Cut the F x 3P structure to this rank afterwards.
     tol : float
         Stop when no entry of S# and g(S) differs by more, in standardised units.
 
@@ -58,6 +61,7 @@ class WeightedBMM(Method):
     penalty: float = 1e-4
     growth: float = 1.1
     max_penalty: float = 1e10
+    rank: int | None = None
     tol: float = 1e-10
 
     def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
@@ -65,10 +69,13 @@ class WeightedBMM(Method):
         base.check_positive(self, "weight", "gamma", "penalty", "max_penalty", "tol")
         base.check_at_least(self, 1, "growth")
         base.check_count(self, "free", least=0)
+        if self.rank is not None:
+            base.check_count(self, "rank")
         cameras, visible = observations.required_cameras(), observations.visible
         data = base.standardise(observations.tracks, visible)
         observations.stage("structure")
         S = self._fit(data.W, cameras, visible, observations.progress)
+        S = S if self.rank is None else cut_rank(S, self.rank)
         return Reconstruction(structure=S * data.scale, cameras=cameras)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from nrsfm.reports.layouts import notes, published
+from nrsfm.reports.layouts import literature, notes, published
 from nrsfm.reports.layouts import table_metrics as metrics
 from nrsfm.reports.layouts.layout import Layout, Method, Pool, SameAs, columns
 from nrsfm.reports.layouts.paper_tables import BODIES, HOPKINS, PAPER_TABLES
@@ -60,6 +60,15 @@ SETTINGS = tuple(
 SMOOTHINGS = (0, 10, 30, 100, 1000)
 
 STUDY_TABLES: Mapping[str, Layout] = {
+    "leaderboard": Layout(
+        title="Leaderboard",
+        caption="All methods that give structure on one body at a time, cameras known and from the tracks alone: "
+        "e_3d_dai, the same in the camera's frame, and e_3d after a rotation of each frame.",
+        methods=columns("bmm", "smooth_bmm", "r_bmm", "organic", "pta", "csf1", "csf2"),
+        metrics=(metrics.E_3D_ALIGNED, metrics.E_3D_CAMERA, metrics.E_3D_FRAMES),
+        literature=literature.SINGLE,
+        notes=(notes.FIXED,),
+    ),
     "rotation_ablation": Layout(
         title="Single bodies, the rotation without one ingredient",
         caption="The block matrix method with cameras from the tracks alone: its rotation step whole (trace-norm "

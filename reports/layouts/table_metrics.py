@@ -135,6 +135,7 @@ E_MS = TableMetric("e_ms")
 E_R = TableMetric("e_r")
 E_3D_ALIGNED = TableMetric("e_3d_dai")
 E_3D_CAMERA = TableMetric("e_3d_dai_cam")
+E_3D_FRAMES = TableMetric("e_3d_procrustes", title="e_3D, frames aligned")
 E_3D_KNOWN = TableMetric("e_3d_dai", published="e_3d_gt_rotation")
 
 MEAN = pooled(E_MS, published="mean", title="mean")
