@@ -27,6 +27,7 @@ from nrsfm.methods.multibody.printed import MultiBody
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster
 from nrsfm.methods.structure.bmm import BMM
 from nrsfm.methods.structure.csf import CSF
+from nrsfm.methods.structure.pnd import PND
 from nrsfm.methods.structure.pta import PTA
 from nrsfm.methods.structure.smooth_bmm import SmoothBMM
 from nrsfm.methods.structure.weighted_bmm import WeightedBMM
@@ -39,6 +40,7 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "weighted_bmm": WeightedBMM,
     "pta": PTA,
     "csf": CSF,
+    "pnd": PND,
     "ssc": SSC,
     "ssc_omp": SSCOMP,
     "edsc": EDSC,

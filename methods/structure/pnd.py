@@ -1,7 +1,7 @@
 """Non-rigid structure from motion with a Procrustean normal distribution, by expectation maximisation.
 
-Shapes X_f (3, p) in the camera's frame, aligned to a mean shape m by a rotation R_f and a scale s_f, are normal with a
-covariance Sigma in the directions that neither turn nor scale m, and flat in the others. No rank and no weight is chosen.
+Shapes X_f in the camera's frame, aligned to a mean shape m by a rotation R_f and a scale s_f, are normal with a
+covariance Sigma in the directions that neither turn nor scale m, and flat in the others. No rank or weight is chosen.
 
 Lee, Cho, Choi, Oh, "Procrustean normal distribution for non-rigid structure from motion", CVPR 2013, PAMI 2017.
 """
@@ -16,6 +16,7 @@ import scipy.linalg
 from nrsfm.methods import base
 from nrsfm.methods.base import Array, Method, Observations, Progress, Reconstruction
 from nrsfm.methods.numerics.linear import axes
+from nrsfm.methods.structure.bmm import cut_rank
 
 #: Variance of the noise, of the covariance's diagonal, and the step along the gradient to start from; |X_f| is about 1.
 NOISE, RIDGE, STEP = 1e-4, 1e-4, 1e-4
@@ -23,10 +24,12 @@ NOISE, RIDGE, STEP = 1e-4, 1e-4, 1e-4
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class PND(Method):
-    """Procrustean normal distribution; the cameras are where it starts, and it gives its own.
+    """Procrustean normal distribution; the cameras are where it starts, and it gives its own in their world.
 
     Parameters
     ----------
+    rank : int or None
+        Cut the F x 3P structure to this rank afterwards.
     max_iter : int
     tol : float
         Stop when an iteration lowers the objective, in nats a frame and dimension, by less. It falls for very long, so
@@ -35,18 +38,22 @@ class PND(Method):
 
     provides = frozenset({"structure"})
 
+    rank: int | None = None
     max_iter: int = 1000
-    tol: float = 1e-2
+    tol: float = 5e-2
 
     def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
         """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
         base.check_count(self, "max_iter")
         base.check_positive(self, "tol")
+        if self.rank is not None:
+            base.check_count(self, "rank")
         cameras = observations.required_cameras()
         data = base.standardise(observations.tracks)
         observations.stage("structure")
         X, R = self._fit(data.W, cameras, observations.progress)
-        return Reconstruction(structure=R @ X * data.scale, cameras=R.transpose(0, 2, 1)[:, :2])
+        S = R @ X if self.rank is None else cut_rank(R @ X, self.rank)
+        return Reconstruction(structure=S * data.scale, cameras=R.transpose(0, 2, 1)[:, :2])
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
         """Bytes of four moments of all frames, each of 3P x 3P."""
@@ -54,35 +61,28 @@ class PND(Method):
 
     def _fit(self, W: Array, cameras: Array, progress: Progress | None) -> tuple[Array, Array]:
         """Shapes (F, 3, P) in the camera's frame, and the rotations (F, 3, 3) that turn them to the world."""
-        F, _, P = W.shape
+        P = W.shape[2]
         T = scipy.linalg.null_space(np.ones((1, P)))  # without the translation, (P, p)
         D = (W @ T).transpose(0, 2, 1)  # (F, p, 2)
         c = 3 * P - 7
-        X = lift(D, cameras)
-        size = np.sqrt(np.mean(np.sum(X**2, axis=(1, 2))))
-        X, D, v = X / size, D / size, NOISE
-        m = mean_shape(X)
-        found = fit(Moments(X, X[..., None, None] * X[:, None, None]), m, RIDGE)
+        lifted = lift(D, cameras)
+        size = float(np.sqrt(np.mean(np.sum(lifted**2, axis=(1, 2)))))
+        lifted, D, v = lifted / size, D / size, NOISE
+        m = mean_shape(lifted)
+        found = fit(Moments(lifted, lifted[..., None, None] * lifted[:, None, None]), m, RIDGE)
         step, lowest = STEP, np.inf
         for iteration in range(1, self.max_iter + 1):
             X, v = expected(D, found, v)
-            before = fit(X, m)
-            while True:
-                trial = m - step * before.gradient
-                trial /= np.linalg.norm(trial)
-                found = fit(X, trial)
-                if found.cost <= before.cost - 1e-4 * step * np.sum(before.gradient**2) or step < 1e-12:
-                    break
-                step /= 2
-            m, step = trial, 2 * step
+            m, found, step = descend(X, m, step)
             objective = (2 * found.cost + 2 * (P - 1) * np.log(v)) / c
             fall, lowest = lowest - objective, objective
             if progress is not None:
                 progress(iteration, self.max_iter, {"objective": float(objective)})
             if fall < self.tol:
                 break
-        world = found.alignment.rotations
-        return size * (T @ X.shapes).transpose(0, 2, 1), world
+        R = found.alignment.rotations
+        U, _, Vt = np.linalg.svd(np.einsum("fij,fjk->ik", R[:, :, :2], cameras))
+        return size * (T @ X.shapes).transpose(0, 2, 1), (U @ Vt).T @ R  # in the world of the cameras given
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Alignment:
 
 
 def align(X: Array, m: Array) -> Alignment:
-    """Align (F, p, 3) shapes to the mean (p, 3) of length 1; reflections are not excluded, as in the authors' program."""
+    """Align (F, p, 3) shapes to the mean (p, 3) of length 1; as the authors do, reflections too."""
     U, D, Vt = np.linalg.svd(np.einsum("fpi,pj->fij", X, m))
     R = (U @ Vt).transpose(0, 2, 1)
     s = 1 / D.sum(axis=1)
@@ -164,6 +164,24 @@ def fit(X: Moments, m: Array, ridge: float = 0.0) -> Distribution:
     return Distribution(found, E, cost, gradient, moved)
 
 
+def descend(X: Moments, m: Array, step: float) -> tuple[Array, Distribution, float]:
+    """M-step: one step of the mean against the gradient, halved until the cost falls enough (Armijo's rule).
+
+    Returned with the step to try next, twice as long if the first was accepted.
+    """
+    before = fit(X, m)
+    slope, first = float(np.sum(before.gradient**2)), step
+    while True:
+        trial = m - step * before.gradient
+        trial /= np.linalg.norm(trial)
+        found = fit(X, trial)
+        if found.cost <= before.cost - 1e-4 * step * slope:
+            return trial, found, 2 * step if step == first else step
+        if step < 1e-12:
+            return m, before, step
+        step /= 2
+
+
 def expected(D: Array, model: Distribution, v: float) -> tuple[Moments, float]:
     """E-step: moments of the shapes given (F, p, 2) images without translation, and the variance of the noise for them.
 
@@ -171,19 +189,32 @@ def expected(D: Array, model: Distribution, v: float) -> tuple[Moments, float]:
     """
     F, p, _ = D.shape
     R, s = model.alignment.rotations, model.alignment.scales
-    G = (s[:, None, None] * R).transpose(0, 2, 1)
-    half = G[:, None] @ model.precision.reshape(p, 3, 3 * p)
-    A = v * (half.reshape(F, 3 * p * p, 3) @ G.transpose(0, 2, 1)).reshape(F, 3 * p, 3 * p)
     seen = np.tile([1.0, 1.0, 0.0], p)
-    A[:, np.arange(3 * p), np.arange(3 * p)] += seen
-    inverse = np.linalg.inv(A)
-    X = inverse @ np.pad(D, ((0, 0), (0, 0), (0, 1))).reshape(F, 3 * p, 1)
-    C = v * inverse
-    left = np.sum((D - X.reshape(F, p, 3)[:, :, :2]) ** 2) + np.sum(np.einsum("faa->fa", C) * seen)
+    images = np.pad(D, ((0, 0), (0, 0), (0, 1))).reshape(F, 3 * p)
+    X, seconds, left = np.empty((F, 3 * p)), np.empty((F, 3 * p, 3 * p)), 0.0
+    for f in range(F):  # a frame at a time stays in the cache
+        G = s[f] * R[f]
+        half = (model.precision.reshape(-1, 3) @ G).reshape(3 * p, 3 * p)
+        A = v * (half.T.reshape(-1, 3) @ G).reshape(3 * p, 3 * p)
+        A[np.diag_indices(3 * p)] += seen
+        C = inverse(A)
+        X[f] = C @ images[f]
+        C *= v
+        left += float(np.sum((images[f] - seen * X[f]) ** 2) + seen @ np.diag(C))
+        np.multiply(X[f][:, None], X[f], out=seconds[f])
+        seconds[f] += C
     new = float(left) / D.size
-    seconds = C + X @ X.transpose(0, 2, 1)
     moments = Moments(X.reshape(F, p, 3), seconds.reshape(F, p, 3, p, 3))
     return moments, max(1e-10, min(2 * new, max(v, new)))
+
+
+def inverse(A: Array) -> Array:
+    """The inverse of a symmetric positive definite matrix, which is overwritten, by its Cholesky factor."""
+    factor, _ = scipy.linalg.lapack.dpotrf(A.T, lower=1, overwrite_a=1)
+    half, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+    whole: Array = np.tril(half)
+    whole += np.tril(half, -1).T
+    return whole
 
 
 def lift(D: Array, cameras: Array) -> Array:
@@ -199,7 +230,7 @@ def lift(D: Array, cameras: Array) -> Array:
 
 
 def mean_shape(X: Array, *, max_iter: int = 1000, tol: float = 1e-12) -> Array:
-    """The mean (p, 3) of length 1 of the (F, p, 3) shapes aligned to it, from the first: generalised Procrustes analysis."""
+    """Generalised Procrustes analysis: the mean (p, 3), of length 1, of (F, p, 3) shapes aligned to it."""
     m: Array = X[0] / np.linalg.norm(X[0])
     for _ in range(max_iter):
         new = align(X, m).shapes.mean(axis=0)

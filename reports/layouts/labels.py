@@ -27,6 +27,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "pta": "PTA",
         "csf1": "CSF",
         "csf2": "CSF2",
+        "pnd": "PND",
         "edsc": "EDSC",
         "edsc_dim15": "EDSC, Dim 15",
         "ssc2d": "SSC(2D)",

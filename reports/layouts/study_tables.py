@@ -64,7 +64,7 @@ STUDY_TABLES: Mapping[str, Layout] = {
         title="Leaderboard",
         caption="All methods that give structure on one body at a time, cameras known and from the tracks alone: "
         "e_3d_dai, the same in the camera's frame, and e_3d after a rotation of each frame.",
-        methods=columns("bmm", "smooth_bmm", "r_bmm", "organic", "pta", "csf1", "csf2"),
+        methods=columns("bmm", "smooth_bmm", "r_bmm", "organic", "pta", "csf1", "csf2", "pnd"),
         metrics=(metrics.E_3D_ALIGNED, metrics.E_3D_CAMERA, metrics.E_3D_FRAMES),
         literature=literature.SINGLE,
         notes=(notes.FIXED,),

@@ -40,6 +40,7 @@ WAYS = {
     "pta": (["structure"], set()),
     "csf1": (["structure"], {"structure"}),
     "csf2": (["structure"], {"structure"}),
+    "pnd": (["structure"], {"structure"}),
     "ssc2d": (["clustering"], set()),
     "edsc": (["clustering"], set()),
     "omp2d": (["clustering"], set()),
