@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 from nrsfm.harness.cli.parser import Parser
+
+PATIENCE = 5.0  # seconds in which the interface must end
 
 
 def main(argv: list[str]) -> int:
@@ -20,11 +25,27 @@ def main(argv: list[str]) -> int:
     if is_server(tracker.uri):
         print(tracker.uri)
         return 0
-    _ = tracker.client  # creates a store that is missing
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", tracker.uri]
+    # MLflow's first page is that of its other half, which is for language models
+    place = f"http://{options.host}:{options.port}/#/experiments/{tracker.experiment}?workflowType=machine_learning"
+    command = [sys.executable, "-m", "mlflow", "server", *tracker.served, "--workers", "1"]
     command += ["--host", options.host, "--port", str(options.port)]
-    print(f"http://{options.host}:{options.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
-    return subprocess.call(command)
+    print(f"{place} shows {tracker.uri}; Ctrl-C stops it", flush=True)
+    return _until_stopped(command)
+
+
+def _until_stopped(command: list[str]) -> int:
+    """Run a command and all that it starts until it ends or this process is told to; returns its exit code."""
+    from nrsfm.harness.trial.signals import interruptible
+
+    with interruptible(signal.SIGTERM, signal.SIGHUP):
+        child = subprocess.Popen(command, start_new_session=True)
+        try:
+            return child.wait()
+        finally:
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                with suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                    os.killpg(child.pid, number)
+                    child.wait(PATIENCE)
 
 
 def command_line() -> Parser:

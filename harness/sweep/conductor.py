@@ -11,8 +11,7 @@ import secrets
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -28,6 +27,7 @@ from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
+from nrsfm.harness.trial.signals import interruptible
 
 ATTEMPTS = 3  # consecutive attempts that may end without any trial done
 STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
@@ -72,7 +72,7 @@ def conduct(request: Request) -> Sweep:
     trials = {key: job.trial for key, job in jobs.items()}
     left = [job for job in jobs.values() if job.due]
     done = trials.keys() - {job.identity.key for job in left}
-    with _interruptible(), Follower(settings, trials, done) as follower:
+    with interruptible(signal.SIGTERM), Follower(settings, trials, done) as follower:
         trouble = _run_all(left, settings, launcher)
     return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 
@@ -117,13 +117,3 @@ def _await_stop(work: Work) -> None:
     end = time.monotonic() + STOP_SECONDS
     while time.monotonic() < end and any(key in keys for key, _ in steps(settings.output, settings.sweep)):
         time.sleep(0.1)
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Make SIGTERM end the sweep as Ctrl-C does: workers are stopped, finished trials are kept."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

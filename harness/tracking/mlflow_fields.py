@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
 from pathlib import Path
 
 from nrsfm.harness.record.curves import thinned
@@ -10,7 +10,7 @@ from nrsfm.harness.record.folder import ARRAYS, read_arrays
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.parameters import flatten
 
-LONGEST_TAG = 8000  # characters
+LONGEST_KEY = 250  # characters
 
 _TAGS = ("setting", "status", "sweep", "dataset", "method", "cameras", "placement", "motion", "level", "repeat")
 
@@ -27,20 +27,14 @@ def tags(outcome: Outcome) -> dict[str, str]:
 
 
 def parameters(outcome: Outcome) -> dict[str, str]:
-    """The trial's configuration by dotted name."""
-    return {name: _storable(str(value)) for name, value in flatten(outcome.parameters).items()}
+    """The trial's configuration by dotted name; signs that MLflow refuses in a name become ``_``."""
+    flat = flatten(outcome.parameters).items()
+    return {re.sub(r"[^\w. -]", "_", name)[:LONGEST_KEY]: _storable(str(value)) for name, value in flat}
 
 
-def record_tags(outcome: Outcome) -> dict[str, str]:
-    """The whole record as JSON, in the tags ``record``, ``record1``, ... because the length of a tag is limited."""
-    text = outcome.to_json()
-    starts = range(0, len(text), LONGEST_TAG)
-    return {f"record{i or ''}": text[start : start + LONGEST_TAG] for i, start in enumerate(starts)}
-
-
-def record_text(tags: Mapping[str, str]) -> str:
-    """The JSON that :func:`record_tags` split."""
-    return "".join(tags.get(f"record{i or ''}", "") for i in range(len(tags)))
+def run_name(outcome: Outcome) -> str:
+    """The name of a run."""
+    return f"{outcome.dataset} {outcome.method}"
 
 
 def curve_points(folder: Path) -> list[tuple[str, int, float]]:
