@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 
 from nrsfm.harness.cli.parser import Parser
@@ -34,18 +35,24 @@ def main(argv: list[str]) -> int:
 
 
 def _until_stopped(command: list[str]) -> int:
-    """Run a command and all that it starts until it ends or this process is told to; returns its exit code."""
-    from nrsfm.harness.trial.signals import interruptible
+    """Run a command with all that it starts, until it ends or this process is told to end; returns its exit code.
 
-    with interruptible(signal.SIGTERM, signal.SIGHUP):
+    The signal is noted alone: raised amid the start, an exception would leave behind what was started.
+    """
+    from nrsfm.harness.trial.signals import on_signals
+
+    told = threading.Event()
+    with on_signals(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, do=lambda *_: told.set()):
         child = subprocess.Popen(command, start_new_session=True)
-        try:
-            return child.wait()
-        finally:
-            for number in (signal.SIGTERM, signal.SIGKILL):
-                with suppress(ProcessLookupError, subprocess.TimeoutExpired):
-                    os.killpg(child.pid, number)
-                    child.wait(PATIENCE)
+        while child.poll() is None and not told.wait(0.2):
+            pass
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            with suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                os.killpg(child.pid, number)
+                child.wait(PATIENCE)
+    if told.is_set():
+        raise KeyboardInterrupt
+    return child.wait()
 
 
 def command_line() -> Parser:

@@ -27,7 +27,7 @@ from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
-from nrsfm.harness.trial.signals import interruptible
+from nrsfm.harness.trial.signals import on_signals
 
 ATTEMPTS = 3  # consecutive attempts that may end without any trial done
 STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
@@ -72,7 +72,7 @@ def conduct(request: Request) -> Sweep:
     trials = {key: job.trial for key, job in jobs.items()}
     left = [job for job in jobs.values() if job.due]
     done = trials.keys() - {job.identity.key for job in left}
-    with interruptible(signal.SIGTERM), Follower(settings, trials, done) as follower:
+    with on_signals(signal.SIGTERM, do=signal.default_int_handler), Follower(settings, trials, done) as follower:
         trouble = _run_all(left, settings, launcher)
     return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 

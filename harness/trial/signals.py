@@ -1,20 +1,21 @@
-"""Signals that end a command as Ctrl-C does."""
+"""What signals do while a command runs."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 
 @contextmanager
-def interruptible(*numbers: int) -> Iterator[None]:
-    """Raise KeyboardInterrupt on these signals too; without effect in a thread, which gets no signal."""
+def on_signals(*numbers: int, do: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Call a function on these signals; without effect in a thread, which gets no signal."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    before = {number: signal.signal(number, do) for number in numbers}
     try:
         yield
     finally:
