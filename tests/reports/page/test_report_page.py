@@ -147,6 +147,19 @@ class TestPage:
         for said in ("1607.04515", *sentences):
             assert text.index(said) < text.index('id="claims"') < text.index('id="table1"')
 
+    def test_the_scene_of_the_paper_s_method_is_pictured(
+        self, answer: Callable[..., Any], arrays: dict[str, NDArray[Any]]
+    ) -> None:
+        two = [answer("dance_yoga", method, 2, e_3d=0.03, n_points=30) for method in ("ssc2d", "ours")]
+        for answers, fetch, pictured in ((two, lambda _: arrays, True), (two[:1], lambda _: arrays, False)):
+            text = Report({"table1": answers}, fetch).texts()["index.html"]
+            found = re.search(r'<img src="data:image/png;base64,([^"]*)".*?<figcaption>([^:]*)', text, re.DOTALL)
+            assert (found is not None) == pictured
+            if found:
+                assert base64.b64decode(found[1]).startswith(b"\x89PNG")
+                assert found[2] == "dance + yoga"
+        assert "<img" not in Report({"table1": two}).texts()["index.html"].replace(plotly(), "")  # no arrays
+
     def test_no_text_leaves_the_data(self, answer: Callable[..., Any]) -> None:
         evil = "</script><script>alert(1)</script><!-- <b>&amp;"
         answers = [answer("dance_yoga", "ours", status="failed", error=evil, parameters={evil: evil})]
