@@ -19,6 +19,7 @@ from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.folder import check_space, read_record
 from nrsfm.harness.record.text import one_line
+from nrsfm.harness.record.trial import titles
 from nrsfm.harness.sweep.follower import Follower
 from nrsfm.harness.sweep.launcher import Launcher
 from nrsfm.harness.sweep.work import Job, Work
@@ -61,18 +62,18 @@ def conduct(request: Request) -> Sweep:
         prepare()
     sweep = request.settings.sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
     jobs: dict[str, Job] = {}
-    for trial, settings in request.trials:
+    names = titles([trial for trial, _ in request.trials])
+    for (trial, settings), title in zip(request.trials, names, strict=True):
         identity = identify(trial, settings)
         record = read_record(settings.trials / identity.key)
         old = record.finished if record else ""
-        jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old)
+        jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old, title)
     settings = next(iter(jobs.values())).settings
     launcher = Launcher(request)
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    trials = {key: job.trial for key, job in jobs.items()}
     left = [job for job in jobs.values() if job.due]
-    done = trials.keys() - {job.identity.key for job in left}
-    with on_signals(signal.SIGTERM, do=signal.default_int_handler), Follower(settings, trials, done) as follower:
+    done = jobs.keys() - {job.identity.key for job in left}
+    with on_signals(signal.SIGTERM, do=signal.default_int_handler), Follower(settings, jobs, done) as follower:
         trouble = _run_all(left, settings, launcher)
     return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 

@@ -34,7 +34,7 @@ from nrsfm.harness.record.tracked import Tracked
 from nrsfm.harness.record.untrusted import read_bounded
 from nrsfm.harness.tracking.errors import explain
 from nrsfm.harness.tracking.fresh_store import make_store
-from nrsfm.harness.tracking.mlflow_fields import curve_points, parameters, run_name, tags
+from nrsfm.harness.tracking.mlflow_fields import curve_points, dataset, parameters, run_name, tags
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -43,6 +43,12 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "nrsfm"
 
+#: What MLflow shows of the experiment: its note, and the kind that decides which of the two halves opens.
+ABOUT = {
+    "mlflow.note.content": "A run is a trial: a method on a scene in a setting. `nrsfm report` makes the tables. The "
+    "records in the folders `trials/` are the truth, and `nrsfm sync` brings them in.",
+    "mlflow.experimentKind": "custom_model_development",
+}
 MOST_PARAMETERS = 100  # that MLflow takes at once
 
 #: Where the artifacts of a SQLite store are, as the server that 'nrsfm ui' starts understands it: wherever it is told.
@@ -95,7 +101,7 @@ class Tracker:
                 client = self._connect()
                 experiment = client.get_experiment_by_name(EXPERIMENT)
                 if experiment is None:
-                    self._experiment = client.create_experiment(EXPERIMENT, ARTIFACTS if self._file else None)
+                    self._experiment = client.create_experiment(EXPERIMENT, ARTIFACTS if self._file else None, ABOUT)
                 else:
                     self._experiment = experiment.experiment_id
                     if experiment.lifecycle_stage == "deleted":
@@ -170,6 +176,7 @@ class Tracker:
             run_id = str(run.info.run_id)
             measured = {name: getattr(outcome, name) for name in ("seconds", "cpu_seconds", "peak_mb")}
             metrics = outcome.metrics | measured
+            client.log_inputs(run_id, [dataset(outcome)])
             points = [Metric(name, value, end, 0) for name, value in metrics.items() if value is not None]
             points += [Metric(name, value, end, step) for name, step, value in curves]
             place = self._place_of(run)
