@@ -10,17 +10,21 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from hydra import compose, initialize_config_module
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
+from hydra.plugins.config_source import ConfigResult
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from yaml import YAMLError
 
+from nrsfm.harness.config.aliases import check_file
 from nrsfm.harness.config.plugins import folders
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.text import did_you_mean, printable
@@ -47,7 +51,16 @@ class Configurations(SearchPathPlugin):  # type: ignore[misc]  # Hydra is untype
             search_path.append("command-line", place)
 
 
+class _Checked(FileConfigSource):  # type: ignore[misc]
+    """Reads files in folders of others."""
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        check_file(Path(self.path) / self._normalize_file_name(config_path))
+        return super().load_config(config_path)
+
+
 Plugins.instance().register(Configurations)
+SourcesRegistry.instance().types[_Checked.scheme()] = _Checked
 
 
 def one_line(error: BaseException) -> str:
