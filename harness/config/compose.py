@@ -60,7 +60,6 @@ class _Checked(FileConfigSource):  # type: ignore[misc]
 
 
 Plugins.instance().register(Configurations)
-SourcesRegistry.instance().types[_Checked.scheme()] = _Checked
 
 
 def one_line(error: BaseException) -> str:
@@ -103,12 +102,15 @@ def configurations(overrides: Sequence[str] = ()) -> Iterator[None]:
         if GlobalHydra.instance().is_initialized() and set(added) <= set(_ADDED.get()):
             yield
             return
-        token = _ADDED.set(added)
+        token, readers = _ADDED.set(added), SourcesRegistry.instance().types
+        reader = readers[_Checked.scheme()]
+        readers[_Checked.scheme()] = _Checked  # for as long as this lasts: workers of launchers get Hydra's own
         try:
             with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
                 yield
         finally:
             _ADDED.reset(token)
+            readers[_Checked.scheme()] = reader
 
 
 def _searched(overrides: Sequence[str]) -> tuple[str, ...]:
