@@ -32,7 +32,7 @@ FIRST = 3
 
 HINT = (
     "it is no public file: a take of CMU subjects 60 and 61 (mocap.cs.cmu.edu), its joints as arrays 'lead60', "
-    "'follow61', 'names', 'parents', 'dt'; set NRSFM_DATA to its folder"
+    "'follow61', 'names', 'parents', 'dt'; set NRSFM_DATA to the folder that holds {folder}/"
 )
 
 

@@ -106,7 +106,7 @@ def configurations(overrides: Sequence[str] = ()) -> Iterator[None]:
         reader = readers[_Checked.scheme()]
         readers[_Checked.scheme()] = _Checked  # for as long as this lasts: workers of launchers get Hydra's own
         try:
-            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
+            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="nrsfm"):
                 yield
         finally:
             _ADDED.reset(token)

@@ -160,7 +160,7 @@ def test_archives_that_numpy_does_not_write(tmp_path: Path, compression: int) ->
     with pytest.warns(UserWarning, match="Duplicate"), zipfile.ZipFile(tmp_path / "a.npz", "w") as stream:
         stream.writestr("a.npy", content)
         stream.writestr("a.npy", content)
-    with pytest.raises(DatasetError, match="is there twice"):
+    with pytest.raises(DatasetError, match="is stored twice"):
         read_npz(tmp_path / "a.npz")
 
 
