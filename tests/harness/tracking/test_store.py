@@ -19,7 +19,8 @@ from nrsfm.harness.config.address import for_mlflow
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.tracking.tracker import EXPERIMENT, Tracker
 from tests.harness.tracking.servers import free_port, wait_for
-from tests.shell import TINY, Shell, started, tracked
+from tests.shell import ODD as NAUGHTY
+from tests.shell import TINY, Shell, records, started, tracked
 
 ODD = "a?b #c%20d;e&f='g"
 
@@ -153,6 +154,28 @@ def test_two_folders_on_one_store_leave_one_run_of_a_trial(nrsfm: Shell, tmp_pat
     (one,) = Tracker(f"sqlite:///{tmp_path}/shared/mlflow.db", tmp_path / "a").outcomes()
     (folder,) = (tmp_path / "c/trials").iterdir()
     assert one.outcome == read_record(folder)
+
+
+def test_trials_do_not_know_the_trackers_login(shell: Shell, tmp_path: Path) -> None:
+    login = {"MLFLOW_TRACKING_USERNAME": "anna", "MLFLOW_TRACKING_PASSWORD": "hunter2"}
+    assert shell("run", *NAUGHTY, "+method.how=login", **login).returncode == 2
+    (record,) = records(tmp_path).values()
+    assert record["error"] == "RuntimeError: the password is not known here"
+
+
+@pytest.mark.slow
+def test_two_folders_that_run_a_trial_at_one_moment_leave_one_run(environment: dict[str, str], tmp_path: Path) -> None:
+    words = ("run", *NAUGHTY, "+method.how=slow", "noise.level=0.01", "noise.repeat=0,1,2", "workers=1")
+    uri = f"sqlite:///{tmp_path}/shared/mlflow.db"
+    places = [{"NRSFM_OUTPUT": str(tmp_path / name)} for name in "ab"]
+    both = [started(environment | place, tmp_path, *words, f"tracking.uri={uri}") for place in places]
+    ended = [process.communicate(timeout=1200) for process in both]
+    assert [process.returncode for process in both] == [0, 0], ended
+    runs = Tracker(uri, tmp_path / "c").outcomes()
+    kept = [read_record(folder) for name in "ab" for folder in (tmp_path / name / "trials").iterdir()]
+    latest = {key: max(r.finished for r in kept if r and r.key == key) for key in {r.key for r in kept if r}}
+    assert {run.outcome.key: run.outcome.finished for run in runs} == latest
+    assert len(runs) == len(latest) == 3
 
 
 @pytest.fixture
