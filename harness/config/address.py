@@ -65,5 +65,5 @@ def split(uri: str) -> tuple[str, Mapping[str, str]]:
 
 
 def shown(text: str) -> str:
-    """The text with the logins removed from all addresses in it."""
-    return re.sub(r"(?<=://)[^\n]*@", "", text)
+    """The text with the logins removed from all addresses in it; a file's address has none, though an @ perhaps."""
+    return re.sub(r"(?<!sqlite)(://)[^\n]*@", r"\1", text)

@@ -291,7 +291,8 @@ class Tracker:
                 continue
             run = held.get(outcome.key)
             if run is not None and run.data.tags["finished"] >= outcome.finished:
-                self._mark_tracked(outcome, folder, run)
+                if not self.holds(outcome, folder):
+                    self._mark_tracked(outcome, folder, run)
                 continue
             try:
                 self.log(outcome, folder)
