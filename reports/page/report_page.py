@@ -9,9 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from nrsfm.harness.evaluate.matching import matched
+from nrsfm.harness.evaluate.metrics import METRICS
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.tracked import Fetch, Tracked
-from nrsfm.reports.answer import PAPER
+from nrsfm.reports.answer import PAPER, PROJECT
 from nrsfm.reports.claims.claims import OURS
 from nrsfm.reports.claims.findings import Judged
 from nrsfm.reports.figures.chart import Chart
@@ -43,7 +44,7 @@ def page(
     environments = (", ".join(f"{k} {v}" for k, v in run.get("versions", {}).items()) for run in data.values())
     return render_page(
         "report",
-        {"runs": data, "charts": {chart.name: chart.data(blobs) for chart in charts}},
+        {"runs": data, "names": _names(), "charts": {chart.name: chart.data(blobs) for chart in charts}},
         blobs,
         tables=tables,
         charts=charts,
@@ -51,8 +52,14 @@ def page(
         paper=PAPER,
         answer=answer,
         picture=picture,
+        project=PROJECT,
         versions=sorted(Counter(environments).items()),
     )
+
+
+def _names() -> dict[str, str]:
+    """Metric -> its name for readers, where it has one."""
+    return {metric.name: metric.label for metric in METRICS if metric.label}
 
 
 def _pictured(runs: Mapping[str, Tracked], fetch: Fetch, viewed: Iterable[str]) -> dict[str, str] | None:
