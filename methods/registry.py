@@ -20,6 +20,8 @@ from nrsfm.methods import ENTRY_POINTS
 from nrsfm.methods.base import Method, MethodError
 from nrsfm.methods.clustering.edsc import EDSC
 from nrsfm.methods.clustering.lrr import LRR
+from nrsfm.methods.clustering.lsr import LSR
+from nrsfm.methods.clustering.neighbours import Neighbours
 from nrsfm.methods.clustering.ssc import SSC
 from nrsfm.methods.clustering.ssc_omp import SSCOMP
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
@@ -45,6 +47,8 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "ssc_omp": SSCOMP,
     "edsc": EDSC,
     "lrr": LRR,
+    "lsr": LSR,
+    "neighbours": Neighbours,
     "cluster_tracks": ClusterTracks,
     "reconstruct_then_cluster": ReconstructThenCluster,
     "cluster_then_reconstruct": ClusterThenReconstruct,
