@@ -218,6 +218,7 @@ RULES = (
     Rule(r"nrsfm run experiment=intersecting", "dataset=face_yoga method=edsc"),
     Rule(r"nrsfm run experiment=three_bodies", "method=edsc"),
     Rule(r"nrsfm run experiment=single_body", "dataset.body=shark"),
+    Rule(r"nrsfm run experiment=leaderboard\w*", "dataset.body=pickup method=pta,organic"),
     Rule(r"nrsfm run experiment=scene_study", "dataset=face_yoga scene=default,native method=edsc", data=True),
     Rule(r"nrsfm run experiment=rank_study", "dataset=face_yoga method.rank=6,null", data=True),
     Rule(r"nrsfm run experiment=rotation_ablation", "dataset.body=shark change=none,rigid"),
