@@ -19,6 +19,7 @@ from sklearn.base import BaseEstimator
 from nrsfm.methods import ENTRY_POINTS
 from nrsfm.methods.base import Method, MethodError
 from nrsfm.methods.clustering.edsc import EDSC
+from nrsfm.methods.clustering.ensc import EnSC
 from nrsfm.methods.clustering.lrr import LRR
 from nrsfm.methods.clustering.lsr import LSR
 from nrsfm.methods.clustering.neighbours import Neighbours
@@ -46,6 +47,7 @@ ALGORITHMS: dict[str, type[BaseEstimator]] = {
     "ssc": SSC,
     "ssc_omp": SSCOMP,
     "edsc": EDSC,
+    "ensc": EnSC,
     "lrr": LRR,
     "lsr": LSR,
     "neighbours": Neighbours,

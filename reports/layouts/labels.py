@@ -39,6 +39,7 @@ LABELS: Mapping[str, str] = MappingProxyType(
         "ssc2d_bmm_share70": "SSC(2D) + BMM, share .7",
         "omp2d": "SSC-OMP(2D)",
         "lrr2d": "LRR(2D)",
+        "ensc2d": "EnSC(2D)",
         "lsr2d": "LSR(2D)",
         "neighbours2d": "Nearest neighbours",
         "bmm_lrr3d": "BMM + LRR(3D)",

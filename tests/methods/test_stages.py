@@ -45,6 +45,7 @@ WAYS = {
     "edsc": (["clustering"], set()),
     "omp2d": (["clustering"], set()),
     "lrr2d": (["clustering"], set()),
+    "ensc2d": (["clustering"], set()),
     "lsr2d": (["clustering"], set()),
     "neighbours2d": (["clustering"], set()),
     "bmm_ssc3d": (["structure", "clustering"], {"structure"}),
