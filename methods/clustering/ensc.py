@@ -55,7 +55,7 @@ class EnSC(SubspaceClusterer):
         check_positive(self, "gamma", "mixing")
         check_word(self, "cut", CUTS)
         if self.mixing >= 1:
-            raise MethodError(f"EnSC: mixing is {self.mixing}, wanted a number below 1; SSC is for 1")
+            raise MethodError(f"EnSC: mixing is {self.mixing}; below 1 is wanted, and 1 is SSC")
 
     def _express(self, X: Array) -> sp.csc_array:
         points = unit_rows(X.T)
@@ -79,8 +79,8 @@ def elastic_net(G: Array, g: Array, weight: float, mixing: float, tol: float = 1
     """min mixing |c|_1 + (1 - mixing)/2 |c|^2 + weight/2 |x - X c|^2, from G = X'X and g = X'x.
 
     With d = weight X'(x - X c) the solution has d_i = mixing sign(c_i) + (1 - mixing) c_i on its support and
-    |d_i| <= mixing off it. The point that violates this most joins the support; then the smooth problem for the signs at
-    hand is solved, where a coefficient that would change its sign stops at zero and leaves. Every step lowers the
+    |d_i| <= mixing off it. The point that violates this most joins the support; then the smooth problem for the signs
+    at hand is solved, where a coefficient that would change its sign stops at zero and leaves. Every step lowers the
     objective, and there are finitely many supports.
     """
     c = np.zeros(len(g))
