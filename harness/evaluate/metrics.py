@@ -16,7 +16,7 @@ from nrsfm.datasets.body import centre, observed
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.alignment import centre_bodies, polar_factor, procrustes
 from nrsfm.harness.evaluate.matching import matched
-from nrsfm.harness.evaluate.metric_type import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
+from nrsfm.harness.evaluate.metric_type import NO_CAMERAS, NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
 from nrsfm.methods.base import Array, Labels, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 from nrsfm.methods.numerics.linear import axes
@@ -34,7 +34,11 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool, counte
     counted : bool
         Whether the method had to estimate the number of bodies.
     """
-    estimate = Estimate(scene, found, known_cameras)
+    return values_of(Estimate(scene, found, known_cameras), counted=counted)
+
+
+def values_of(estimate: Estimate, *, counted: bool = False) -> dict[str, float]:
+    """:func:`evaluate` of an estimate that is there already."""
     return {
         name: value
         for metric in METRICS
@@ -263,8 +267,54 @@ METRICS = (
         "reprojection",
         _reprojection,
         r"$\lVert W - \hat R \hat S \rVert / \lVert W \rVert$, of the visible tracks, centred",
-        absent="method gives no structure, or uses no cameras",
+        absent=NO_CAMERAS,
         summary="{reprojection:.3g} of the tracks' size, {rms:.3g} in their units (rms)",
+    ),
+    Metric(
+        "expected_e_3d",
+        lambda e: needed(e.trust).expected,
+        "the `e_3d_dai` to expect, [without the truth](trust.md)",
+        label="expected e_3D",
+        better="",
+        absent=NO_CAMERAS,
+    ),
+    Metric(
+        "expected_depth",
+        lambda e: needed(e.trust).depth,
+        "the part of `expected_e_3d` that images leave open",
+        better="",
+        absent=NO_CAMERAS,
+    ),
+    Metric(
+        "expected_cameras",
+        lambda e: needed(e.trust).cameras,
+        "the part of `expected_e_3d` that estimated cameras bring",
+        better="",
+        absent=NO_CAMERAS,
+    ),
+    Metric(
+        "expected_images",
+        lambda e: needed(e.trust).images,
+        "the part of `expected_e_3d` that tracks bring which the structure does not fit",
+        better="",
+        absent=NO_CAMERAS,
+    ),
+    Metric(
+        "camera_turn",
+        lambda e: needed(e.trust).turn,
+        "degrees over which the cameras' viewing directions are spread",
+        label="camera turn",
+        unit="",
+        better="",
+        absent=NO_CAMERAS,
+    ),
+    Metric(
+        "depth_ratio",
+        lambda e: needed(e.trust).depth_ratio,
+        "spread of depth over that of an image axis",
+        unit="",
+        better="",
+        absent=NO_CAMERAS,
     ),
     Metric(
         "e_r",

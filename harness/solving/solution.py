@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.matching import matched, readable
-from nrsfm.harness.evaluate.metrics import METRICS, by_frame, evaluate, reprojection_rms
+from nrsfm.harness.evaluate.metric_type import Estimate
+from nrsfm.harness.evaluate.metrics import METRICS, by_frame, reprojection_rms, values_of
+from nrsfm.harness.evaluate.trust import Trust
 from nrsfm.harness.record.environment import environment
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import pack
@@ -110,9 +112,18 @@ class Solution:
         return self.cameras_from == FROM_FILE
 
     @cached_property
+    def _estimate(self) -> Estimate:
+        return Estimate(self.scene, self.found, self.known_cameras)
+
+    @cached_property
     def metrics(self) -> dict[str, float]:
         """Errors against the truth, as far as it is known: see :func:`nrsfm.harness.evaluate.metrics.evaluate`."""
-        return evaluate(self.scene, self.found, known_cameras=self.known_cameras, counted=self.counted)
+        return values_of(self._estimate, counted=self.counted)
+
+    @property
+    def trust(self) -> Trust | None:
+        """How far the structure can be trusted; None if the method gives none, or uses no cameras."""
+        return self._estimate.trust
 
     @property
     def convergence(self) -> Convergence | None:
@@ -146,6 +157,7 @@ class Solution:
         scene = self.scene
         gaps = 0.0 if scene.visible is None else 1 - float(scene.visible.mean())
         return [
+            *(("trust", str(self.trust)) for _ in range(self.trust is not None)),
             ("frames", str(scene.n_frames)),
             ("tracks", f"{scene.n_points}, {f'{gaps:.1%}' if gaps else 'none'} of the observations missing"),
             *(("note", note) for note in scene.notes),
@@ -244,6 +256,7 @@ class Solution:
     def _write_arrays(self, path: Path) -> None:
         parts = {name: getattr(self, name) for name in ("structure", "labels", "cameras", "affinity")}
         parts |= {"visible": self.scene.visible, "edges": self.edges, "frame_ids": np.array(self.frames)}
+        parts |= {"expected_error": self.trust.tracks if self.trust else None}
         parts |= {"track_ids": np.array(self.ids), "bodies": np.array(self.bodies, dtype=str)}
         arrays: dict[str, Any] = pack(parts)
         np.savez_compressed(path, **arrays)
@@ -273,6 +286,7 @@ class Solution:
             "method": self.method,
             "parameters": self.parameters,
             "cameras": self.cameras_from,
+            **({"trust": self.trust.record} if self.trust else {}),
             "facts": self.facts(),
             "metrics": self.metrics,
             "seconds": self.seconds,
