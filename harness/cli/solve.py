@@ -50,6 +50,7 @@ def _solve(options: argparse.Namespace) -> int:
     asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
     scene = load_tracks(options.file.expanduser(), asked=asked)  # faults are found before anything slow is loaded
     from nrsfm.harness.config.settings import settings_of
+    from nrsfm.harness.record.fault import place_of
     from nrsfm.harness.solving.folder import VIEW, check_folder
     from nrsfm.harness.solving.solve import solve
     from nrsfm.methods.base import MethodError
@@ -75,7 +76,8 @@ def _solve(options: argparse.Namespace) -> int:
         raise
     except Exception as error:  # a method may raise anything
         message = " ".join(f"{type(error).__name__}: {error}".split())[:500]
-        print(f"nrsfm solve: {options.method} ended with {message}; '{again}' keeps the traceback", file=sys.stderr)
+        what = f"{options.method} ended with {message} ({place_of(error)})"
+        print(f"nrsfm solve: {what}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
     solution.save(folder)
     print(solution)

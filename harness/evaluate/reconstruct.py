@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
-from nrsfm.methods.base import Method, MethodError, Observations, Progress, Reconstruction, stage
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.structure.rotation import estimate_cameras
+
+#: Times by which a structure may be wider than the tracks.
+WIDEST = 100.0
 
 
 def reconstruct(
@@ -62,13 +66,16 @@ def reconstruct(
     stage(progress, "method")
     observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
     reconstruction = method.reconstruct(observations, n_bodies)
-    check(reconstruction, method.provides, scene.tracks.shape)
+    check(reconstruction, method.provides, scene.tracks)
     return reconstruction
 
 
-def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:
-    """Raise MethodError on parts of a result that are promised and absent, or of wrong shape, or not finite."""
-    n_frames, _, n_points = shape
+def check(reconstruction: Reconstruction, provides: frozenset[str], tracks: Array) -> None:
+    """Raise MethodError on parts of a result that are promised and absent, of wrong shape, not finite, or out of scale.
+
+    A structure is out of scale where it is more than :data:`WIDEST` times as wide as the (F, 2, P) tracks.
+    """
+    n_frames, _, n_points = tracks.shape
     wanted = {"structure": (n_frames, 3, n_points), "labels": (n_points,), "affinity": (n_points, n_points)}
     for name, size in wanted.items():
         value = getattr(reconstruction, name)
@@ -79,3 +86,11 @@ def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple
             raise MethodError(f"the method gave {name} of shape {value.shape}, wanted {size}")
         elif not np.isfinite(value.data if sp.issparse(value) else value).all():
             raise MethodError(f"the method gave {name} with NaN or infinite values: it diverged")
+    if reconstruction.structure is not None:
+        reach = np.abs(centre(reconstruction.structure)).max(axis=(0, 1))
+        times = float(reach.max() / np.nanmax(np.abs(centre(tracks))))
+        if times > WIDEST:
+            raise MethodError(
+                f"the structure is {times:.2g} times as wide as the tracks, track {reach.argmax()} most of all, which "
+                "the images do not determine; leave that track out, or take another method"
+            )

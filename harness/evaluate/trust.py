@@ -5,7 +5,7 @@ mean deviation of :func:`nrsfm.methods.structure.uncertainty.deviations` over th
 full circle over that of the cameras:
 
     depth    DEPTH (x g)^POWER      what images do not determine
-    cameras  CAMERAS r g^2          of estimated ones; r how far they are from the tracks' factorisation
+    cameras  CAMERAS r g^2          of estimated ones; r how far they are from the images' factorisation
     images   IMAGES q               what of the tracks the structure leaves, q its rms over their spread
 
 and the sum levels off at UNKNOWN, the error where images say nothing of depth. The constants were fitted on the eight
@@ -22,12 +22,12 @@ import numpy as np
 
 from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Array, Mask, Reconstruction
+from nrsfm.methods.base import Array, Reconstruction
 from nrsfm.methods.numerics.linear import axes
 from nrsfm.methods.structure.rotation import orthonormality
 from nrsfm.methods.structure.uncertainty import deviations
 
-DEPTH, POWER, CAMERAS, IMAGES, UNKNOWN = 3.5, 1.45, 32.0, 0.28, 1.35
+DEPTH, POWER, CAMERAS, IMAGES, UNKNOWN = 2.6, 1.43, 30.0, 0.27, 1.35
 
 #: The expected error below which a structure is good, and that from which it is not determined.
 GOOD, UNDETERMINED = 0.2, 0.5
@@ -131,14 +131,14 @@ def trust(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> Trust 
     """
     if found.structure is None or found.cameras is None:
         return None
-    R, S, W, visible = found.cameras, centre(found.structure), centre(scene.tracks), scene.visible
+    R, S, W = found.cameras, centre(found.structure), centre(scene.tracks)
     spread = float(np.nanstd(W, axis=2).mean())
     off = centre(W - R @ S)
-    deviation = deviations(S, R, visible).mean(axis=0)
+    deviation = deviations(S, R, scene.visible).mean(axis=0)
     turn = camera_turn(R)
     lack = CIRCLE / max(turn, 1e-3)
     depth = DEPTH * (float(deviation.mean()) / spread * lack) ** POWER
-    cameras = 0.0 if known_cameras else CAMERAS * _contradiction(R, S, W, visible) * lack**2
+    cameras = 0.0 if known_cameras else CAMERAS * orthonormality(R @ S, R) * lack**2
     images = IMAGES * float(np.sqrt(np.nanmean(np.sum(off**2, axis=1)))) / spread
     total = float(np.sqrt(depth**2 + cameras**2 + images**2))
     expected = total / float(np.hypot(1, total / UNKNOWN))
@@ -166,9 +166,3 @@ def camera_turn(cameras: Array) -> float:
     N = axes(cameras)[:, 2]
     aside = 1 - float(np.linalg.eigvalsh(N.T @ N / len(N))[-1])
     return float(np.rad2deg(np.sqrt(12) * np.arcsin(np.sqrt(np.clip(aside, 0, 1)))))
-
-
-def _contradiction(cameras: Array, structure: Array, W: Array, visible: Mask | None) -> float:
-    """:func:`nrsfm.methods.structure.rotation.orthonormality` of centred tracks, gaps filled from the structure."""
-    whole = W if visible is None else np.where(visible[:, None], W, cameras @ structure)
-    return orthonormality(whole, cameras)

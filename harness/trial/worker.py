@@ -17,6 +17,7 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
 from nrsfm.harness.evaluate.reconstruct import reconstruct
 from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.fault import place_of
 from nrsfm.harness.record.folder import ARRAYS, TRACEBACK, pack, write_atomically, write_record
 from nrsfm.harness.record.outcome import ABSENT, FAILED, OK, Outcome
 from nrsfm.harness.record.trial import AUTO, Trial
@@ -52,7 +53,7 @@ def work(
             raise
         text = " ".join(str(error).split()) or type(error).__name__
         if not isinstance(error, EXPECTED):
-            text = f"{type(error).__name__}: {text}"
+            text = f"{type(error).__name__}: {text} ({place_of(error)})"
             (folder / TRACEBACK).write_text(traceback.format_exc())
         status = ABSENT if isinstance(error, MissingData) else FAILED
         outcome = replace(blank, status=status, error=text[:2000])

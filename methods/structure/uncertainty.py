@@ -40,7 +40,7 @@ def deviations(structure: Array, cameras: Array, visible: Mask | None = None) ->
     cameras : (F, 2, 3) array
     visible : (F, P) bool array, optional
     """
-    F, _, P = structure.shape
+    F = len(structure)
     power = np.mean(scipy.fft.dct(structure, axis=0, norm="ortho") ** 2, axis=1)
     images = cameras @ structure
     s = spectrum(power, float(np.mean(images**2)))

@@ -307,7 +307,11 @@ def test_a_method_that_fails_is_one_line(
 
     monkeypatch.setattr(AdaptiveMultiBody, "reconstruct", fail)
     done = nrsfm("solve", str(to_npz(tmp_path, scene)))
-    said = {RuntimeError: "RuntimeError: it broke;", MemoryError: "not enough memory", MethodError: "it cannot"}
+    said = {
+        RuntimeError: "RuntimeError: it broke (solving/test_solve.py:",
+        MemoryError: "not enough memory",
+        MethodError: "it cannot",
+    }
     assert done.returncode == 2 and said[type(error)] in done.stderr and len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out/solve").exists()
 
