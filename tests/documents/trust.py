@@ -134,10 +134,10 @@ def table(results: list[Result]) -> str:
     missed, cautious = wrong.count("good"), len(right) - right.count("good")
     lines += [
         "",
-        f"Of {len(results)} solutions, {len(wrong)} have a true error above {WRONG}, or no truth: {missed} of these are",
-        f"called good. {len(right)} have one below {GOOD}: {cautious} of these are not called good. The rank",
-        f"correlation of expected and true error is {rho:.2f} over all of them, and {apart:.2f} over those that took no",
-        "part in the calibration.",
+        f"Of {len(results)} solutions, {len(wrong)} have a true error above {WRONG}, or no truth: {missed} of these",
+        f"are called good. {len(right)} have one below {GOOD}: {cautious} of these are not called good. The rank",
+        f"correlation of expected and true error is {rho:.2f} over all of them, and {apart:.2f} over those that took",
+        "no part in the calibration.",
     ]
     return "\n".join(lines)
 
