@@ -194,7 +194,7 @@ def test_the_truth_has_no_error(small_scene: Scene) -> None:
     )
     for known in (True, False):
         values = metrics.evaluate(small_scene, truth, known_cameras=known)
-        assert max(values.values()) < 1e-9
+        assert max(value for name, value in values.items() if metrics.BY_NAME[name.rstrip("_01")].better) < 1e-9
         assert {"e_3d", "e_3d_dai", "e_3d_centred", "e_3d_body_0", "e_3d_body_1", "e_ms", "n_wrong"} <= values.keys()
 
 
