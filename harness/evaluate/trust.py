@@ -100,23 +100,24 @@ class Trust:
         return {"verdict": self.verdict, "reasons": self.reasons, **self.figures, "tracks": rounded}
 
     def _reasons(self) -> Iterator[str]:
-        yield f"the error to expect is {self.expected:.2g} of the scene's spread"
-        if self.turn < SMALL_TURN:
-            yield (
-                f"the camera hardly turns ({self.turn:.0f} degrees), so that images do not tell depth; "
-                "film from more sides"
-            )
-        if self.expected >= GOOD:
-            parts = {"depth": self.depth, "cameras": self.cameras, "images": self.images}
+        yield f"expect an error of {self.expected:.2g} of the scene's spread"
+        turns = self.turn >= SMALL_TURN
+        if turns:
+            yield f"lines of sight span {self.turn:.0f} degrees"
+        else:
+            yield f"the camera hardly turns ({self.turn:.0f} degrees), so images do not tell depth; film from more sides"
+        parts = {"depth": self.depth, "cameras": self.cameras, "images": self.images}
+        main = max(parts, key=lambda name: parts[name])
+        if self.expected >= GOOD and (turns or main != "depth"):
             yield {
-                "depth": "points move faster than the camera goes round them, so that their depth is open",
+                "depth": "points move too fast for a camera that turns so slowly, so their depth is open",
                 "cameras": "the cameras estimated from the tracks contradict each other",
                 "images": "many observations fit no moving points: look for outliers, another layout or another scale",
-            }[max(parts, key=lambda name: parts[name])]
+            }[main]
         if not FLAT < self.depth_ratio < DEEP:
             yield f"the structure is {self.depth_ratio:.2g} times as deep as it is wide"
-        if float(self.tracks.max()) > 3 * float(np.median(self.tracks)):
-            yield f"track {self.worst} is determined worst, within {self.tracks.max():.2g} units of the tracks"
+        if self.expected < UNDETERMINED and float(self.tracks.max()) > 3 * float(np.median(self.tracks)):
+            yield f"track {self.worst} is determined worst, to about {self.tracks.max():.2g} in the tracks' units"
         if self.estimated:
             yield "cameras are from the tracks: depth may be mirrored"
 

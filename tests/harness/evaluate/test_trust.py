@@ -43,7 +43,7 @@ def test_a_camera_that_turns_is_trusted() -> None:
     found, error = told(seen(5.0))
     assert found.verdict == "good" and error < 0.2
     assert error / 4 < found.expected < 4 * error
-    assert str(found).startswith("good: the error to expect is ")
+    assert str(found).startswith("good: expect an error of ")
 
 
 def test_a_fixed_camera_is_not() -> None:
