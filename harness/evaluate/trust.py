@@ -105,7 +105,7 @@ class Trust:
         if turns:
             yield f"lines of sight span {self.turn:.0f} degrees"
         else:
-            yield f"the camera hardly turns ({self.turn:.0f} degrees), so images do not tell depth; film from more sides"
+            yield f"the camera hardly turns ({self.turn:.0f} degrees), so images tell no depth; film from more sides"
         parts = {"depth": self.depth, "cameras": self.cameras, "images": self.images}
         main = max(parts, key=lambda name: parts[name])
         if self.expected >= GOOD and (turns or main != "depth"):
