@@ -204,6 +204,15 @@ def _eigengap(estimate: Estimate) -> float:
     return float(eigengaps(affinity)[n - 1])
 
 
+def _trusted(name: str, definition: str, label: str = "", unit: str = "relative") -> Metric:
+    """A figure of :class:`nrsfm.harness.evaluate.trust.Trust`, which needs no truth."""
+
+    def figure(estimate: Estimate) -> float:
+        return needed(estimate.trust).figures[name]
+
+    return Metric(name, figure, definition, label=label, unit=unit, better="", absent=NO_CAMERAS)
+
+
 METRICS = (
     Metric(
         "e_3d",
@@ -270,52 +279,12 @@ METRICS = (
         absent=NO_CAMERAS,
         summary="{reprojection:.3g} of the tracks' size, {rms:.3g} in their units (rms)",
     ),
-    Metric(
-        "expected_e_3d",
-        lambda e: needed(e.trust).expected,
-        "the `e_3d_dai` to expect, [without the truth](trust.md)",
-        label="expected e_3D",
-        better="",
-        absent=NO_CAMERAS,
-    ),
-    Metric(
-        "expected_depth",
-        lambda e: needed(e.trust).depth,
-        "the part of `expected_e_3d` that images leave open",
-        better="",
-        absent=NO_CAMERAS,
-    ),
-    Metric(
-        "expected_cameras",
-        lambda e: needed(e.trust).cameras,
-        "the part of `expected_e_3d` that estimated cameras bring",
-        better="",
-        absent=NO_CAMERAS,
-    ),
-    Metric(
-        "expected_images",
-        lambda e: needed(e.trust).images,
-        "the part of `expected_e_3d` that tracks bring which the structure does not fit",
-        better="",
-        absent=NO_CAMERAS,
-    ),
-    Metric(
-        "camera_turn",
-        lambda e: needed(e.trust).turn,
-        "degrees over which the cameras' viewing directions are spread",
-        label="camera turn",
-        unit="",
-        better="",
-        absent=NO_CAMERAS,
-    ),
-    Metric(
-        "depth_ratio",
-        lambda e: needed(e.trust).depth_ratio,
-        "spread of depth over that of an image axis",
-        unit="",
-        better="",
-        absent=NO_CAMERAS,
-    ),
+    _trusted("expected_e_3d", "the `e_3d_dai` to expect, [without the truth](trust.md)", label="expected e_3D"),
+    _trusted("expected_depth", "the part of `expected_e_3d` that images leave open"),
+    _trusted("expected_cameras", "the part of `expected_e_3d` that estimated cameras bring"),
+    _trusted("expected_images", "the part of `expected_e_3d` that tracks bring which the structure does not fit"),
+    _trusted("camera_turn", "degrees over which the cameras' viewing directions are spread", unit=""),
+    _trusted("depth_ratio", "spread of depth over that of an image axis", unit=""),
     Metric(
         "e_r",
         _rotation,
