@@ -25,8 +25,9 @@ PAIRS = (
     *("dance_yoga", "drink_walking", "shark_stretch", "walking_yoga"),
     *("face_pickup", "face_yoga", "shark_yoga", "stretch_yoga"),
 )
-SOME = ("dance_yoga", "walking_yoga", "face_pickup", "shark_yoga")
+SOME = ("dance_yoga", "face_pickup")
 WRONG = 0.5  # the true error of a structure that nobody should rely on
+FITTED = ("a frame", "a fixed camera", "outliers")  # ends of the kinds that the constants are fitted on
 START, END = "<!-- trust -->", "<!-- end trust -->"
 
 
@@ -127,7 +128,7 @@ def table(results: list[Result]) -> str:
         counts = [str(sum(result.verdict == verdict for result in of_kind)) for verdict in VERDICTS]
         lines.append(f"| {' | '.join([kind, str(len(of_kind)), true, expected, *counts])} |")
     known = [result for result in results if np.isfinite(result.true)]
-    checked = [result for result in known if not result.kind.split(",")[0].endswith(("a frame", "a fixed camera"))]
+    checked = [result for result in known if not result.kind.split(",")[0].endswith(FITTED)]
     rho, apart = (spearmanr([r.true for r in part], [r.expected for r in part])[0] for part in (known, checked))
     wrong = [result.verdict for result in results if result.true > WRONG]
     right = [result.verdict for result in results if result.true < GOOD]
