@@ -8,8 +8,7 @@ full circle over that of the cameras:
     cameras  CAMERAS r g^2          of estimated ones; r how far they are from the images' factorisation
     images   IMAGES q               what of the tracks the structure leaves, q its rms over their spread
 
-and the sum levels off at UNKNOWN, the error where images say nothing of depth. The constants were fitted on the eight
-pairs, with cameras of 5, 1, .3 and 0 degrees a frame, known and estimated, and with 1 to 10 % of outliers.
+and the sum levels off at UNKNOWN, the error where images say nothing of depth. The constants are those of docs/trust.md.
 """
 
 from __future__ import annotations
