@@ -8,7 +8,7 @@ full circle over that of the cameras:
     cameras  CAMERAS r g^2          of estimated ones; r how far they are from the images' factorisation
     images   IMAGES q               what of the tracks the structure leaves, q its rms over their spread
 
-and the sum levels off at UNKNOWN, the error where images say nothing of depth. The constants are those of docs/trust.md.
+and the sum levels off at UNKNOWN, the error where images say nothing of depth. docs/trust.md says how they were fitted.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import n_wrong
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.solving.folder import NAMES
+from nrsfm.harness.solving.folder import NAMES, VIEW
 from nrsfm.harness.solving.solution import Solution
 from nrsfm.harness.solving.solve import load, solve
 from nrsfm.methods.base import Method, MethodError, Observations, Reconstruction
@@ -149,6 +149,10 @@ def test_what_is_written_agrees(scene: Scene, tmp_path: Path) -> None:
     assert (folder / "summary.txt").read_text() == f"{solution}\n"
     record = json.loads((folder / "result.json").read_text())
     assert record["metrics"]["n_wrong"] == 0 and record["data"] == solution.scene.digest
+    trust = solution.trust
+    assert trust is not None and record["trust"]["verdict"] == trust.verdict
+    assert str(solution).splitlines()[1] == f"trust         {trust}" and "<dt>trust</dt>" in (folder / VIEW).read_text()
+    np.testing.assert_allclose(record["trust"]["tracks"], trust.tracks, rtol=1e-3)
 
 
 def read_ply(path: Path) -> Any:
