@@ -17,9 +17,9 @@ from nrsfm.methods.base import Array, Labels, Reconstruction
 
 T = TypeVar("T")
 
-NO_STRUCTURE = "method gives no structure"
-NO_CAMERAS = "method gives no structure, or uses no cameras"
-NO_LABELS = "method gives no labels"
+NO_STRUCTURE = "no structure to compare"
+NO_CAMERAS = "no structure to compare, or no cameras"
+NO_LABELS = "no labels to compare"
 
 
 class Absent(Exception):

@@ -292,7 +292,7 @@ METRICS = (
         label="e_R",
         tex="$e_R$",
         unit="",
-        absent="method gives no structure, or no camera is known",
+        absent="no structure to compare, or no camera is known",
         summary="{e_r:.4f}",
     ),
     Metric(
@@ -328,6 +328,7 @@ METRICS = (
         _clusters,
         "how many bodies the method found",
         label="bodies found",
+        brief="bodies {0:g}",
         unit="bodies",
         better="",
         absent=NO_LABELS,
