@@ -5,12 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
+
+if TYPE_CHECKING:
+    from nrsfm.methods.observed.cleaned import Cleaned
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -85,6 +88,8 @@ class Reconstruction:
         What was clustered.
     history : mapping of str to (T,) array
         Curves by iteration: ``objective``, residuals, ``seconds`` of CPU time and ``operations``.
+    cleaned : Cleaned or None
+        The tracks that the method was given, where they are not the scene's; set by the harness.
     """
 
     labels: Labels | None = None
@@ -92,6 +97,7 @@ class Reconstruction:
     cameras: Array | None = None
     affinity: Array | sp.sparray | None = None
     history: Mapping[str, Array] = field(default_factory=dict)
+    cleaned: Cleaned | None = None
 
 
 class Method(BaseEstimator):  # type: ignore[misc]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,11 @@ from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
 from nrsfm.methods.base import Method, MethodError, Observations, Progress, Reconstruction, stage
-from nrsfm.methods.gaps import complete
+from nrsfm.methods.observed.cleaned import Cleaned
 from nrsfm.methods.structure.rotation import estimate_cameras
+
+#: Observations as they are.
+AS_GIVEN: Mapping[str, bool] = MappingProxyType({"robust": False, "scale": False})
 
 
 def reconstruct(
@@ -22,6 +27,7 @@ def reconstruct(
     method: Method,
     n_bodies: int | None,
     cameras: Mapping[str, Any],
+    observations: Mapping[str, bool] = AS_GIVEN,
     *,
     memory_gb: float = float("inf"),
     progress: Progress | None = None,
@@ -35,6 +41,10 @@ def reconstruct(
     cameras : mapping
         ``source``, ``known`` or ``estimated``; for the latter ``rank``, ``start`` and ``refine`` as
         :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them.
+    observations : mapping
+        ``robust``: whether outliers become missing observations. ``scale``: whether each frame's scale is taken out of
+        the tracks, for which cameras are needed, whatever the method. See
+        :class:`nrsfm.methods.observed.cleaned.Cleaned`.
     memory_gb : float
         A method that is forecast to need more is not started.
     progress : callable, optional
@@ -50,20 +60,30 @@ def reconstruct(
     if reason := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(reason)
     base.check_gap_handling(method, scene.visible)
+    tracks = Cleaned(scene.tracks, scene.visible)
+    if observations["robust"]:
+        stage(progress, "outliers")
+        tracks = tracks.without_outliers()
     R = None
-    if method.uses_cameras and cameras["source"] == "known":
+    if method.uses_cameras or observations["scale"]:
         R = scene.cameras
-        if R is None:
+        if cameras["source"] != "known":
+            stage(progress, "cameras")
+            options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
+            R = estimate_cameras(tracks.whole, **options)
+        elif R is None:
             raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    elif method.uses_cameras:
-        stage(progress, "cameras")
-        options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
-        R = estimate_cameras(complete(scene.tracks, scene.visible), **options)
+    if observations["scale"] and R is not None:
+        stage(progress, "scale")
+        tracks = tracks.at_one_scale(R)
     stage(progress, "method")
-    observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
-    reconstruction = method.reconstruct(observations, n_bodies)
-    check(reconstruction, method.provides, scene.tracks.shape)
-    return reconstruction
+    given = tracks if method.handles_gaps else replace(tracks, tracks=tracks.whole, visible=None)
+    cameras_used = R if method.uses_cameras else None
+    found = method.reconstruct(
+        Observations(given.tracks, cameras_used, given.visible, scene.edges, progress), n_bodies
+    )
+    check(found, method.provides, scene.tracks.shape)
+    return replace(found, cleaned=tracks) if any(observations.values()) else found
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:

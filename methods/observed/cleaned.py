@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from nrsfm.methods.base import Array, Mask, MethodError
+from nrsfm.methods.gaps import complete
 from nrsfm.methods.observed.outliers import find_outliers
 from nrsfm.methods.observed.scale import estimate_scales
 
@@ -35,6 +37,11 @@ class Cleaned:
     scales: Array | None = None
     scale_gain: float | None = None
 
+    @cached_property
+    def whole(self) -> Array:
+        """(F, 2, P) tracks, completed where they are not visible; see :func:`nrsfm.methods.gaps.complete`."""
+        return complete(self.tracks, self.visible)
+
     def without_outliers(self) -> Cleaned:
         """With outliers marked as not visible.
 
@@ -54,9 +61,9 @@ class Cleaned:
         tracks = np.where(visible[:, None], self.tracks, np.nan)
         return replace(self, tracks=tracks, visible=visible, outliers=outliers)
 
-    def at_one_scale(self, whole: Array, cameras: Array) -> Cleaned:
-        """With the scales taken out, estimated from completed tracks (F, 2, P) and cameras (F, 2, 3)."""
-        found = estimate_scales(whole, cameras)
+    def at_one_scale(self, cameras: Array) -> Cleaned:
+        """With the scales taken out of the tracks, where the change of scale is significant; cameras (F, 2, 3)."""
+        found = estimate_scales(self.whole, cameras)
         scales = found.scales if found.significant else np.ones_like(found.scales)
         tracks = self.tracks / scales[:, None, None]
         return replace(self, tracks=tracks, scales=scales, scale_gain=found.gain)
