@@ -79,9 +79,7 @@ def reconstruct(
     stage(progress, "method")
     given = tracks if method.handles_gaps else replace(tracks, tracks=tracks.whole, visible=None)
     cameras_used = R if method.uses_cameras else None
-    found = method.reconstruct(
-        Observations(given.tracks, cameras_used, given.visible, scene.edges, progress), n_bodies
-    )
+    found = method.reconstruct(Observations(given.tracks, cameras_used, given.visible, scene.edges, progress), n_bodies)
     check(found, method.provides, scene.tracks.shape)
     return replace(found, cleaned=tracks) if any(observations.values()) else found
 

@@ -10,18 +10,22 @@ outliers agree by chance on one alone.
 from __future__ import annotations
 
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from nrsfm.methods.base import Array, Mask
 
+T = TypeVar("T", bound=np.generic)
+
 #: Frames to either side that a frame is predicted from.
 REACH = 3
 #: Frames around an observation, of its own track, whose residuals and steps say what is usual.
-WINDOW = 15
+WINDOW = 25
 #: An outlier, or a jump, is off by more than so many usual residuals and so many usual steps from frame to frame.
-OUTLIER, JUMP = (6.0, 0.5), (8.0, 1.0)
+OUTLIER, JUMP = (8.0, 0.5), (10.0, 1.5)
 #: Rounds of reweighting, of finding single outliers, and of finding jumps.
 ROUNDS = 2
 #: Pairs of frames, relative to the one that they predict.
@@ -36,19 +40,21 @@ def find_outliers(tracks: Array, visible: Mask | None = None) -> Mask:
     Single outliers are found first. Then tracks are cut where what is before and what is after do not predict each
     other. Parts of a few frames are outliers; of the others the longest is kept, the first of two of one length.
     """
-    seen = np.isfinite(tracks).all(axis=1) if visible is None else visible
+    seen: Mask = np.isfinite(tracks[:, 0] + tracks[:, 1]) if visible is None else visible
     X = _even(tracks, seen)
     step = _usual(np.linalg.norm(np.diff(X, axis=0, prepend=X[1:2]), axis=2), seen)
-    good = seen.copy()
-    weights = None
+    good: Mask = seen.copy()
+    second = second_smallest(distances(X, good, None))
+    checked = np.isfinite(second)
+    for _ in range(ROUNDS - 1):
+        second = second_smallest(distances(X, good, _weights(second, good)))
     for _ in range(ROUNDS):
-        weights = _weights(distances(X, good, weights), good)
+        second = second_smallest(distances(X, good, _weights(second, good)))
+        good &= ~_unusual(second, good, step, OUTLIER)
+        good &= np.isfinite(second) | ~checked  # nothing is left that would speak for it
+    weights = _weights(second, good)
     for _ in range(ROUNDS):
-        D = distances(X, good, weights)
-        weights = _weights(D, good)
-        good &= ~_unusual(np.partition(D, 1, axis=0)[1], good, step, OUTLIER)
-    for _ in range(ROUNDS):
-        parts = np.cumsum(_cuts(distances(X, good, weights), good, step), axis=0)
+        parts = np.cumsum(_cuts(distances(X, good, weights), good, step), axis=0, dtype=np.int64)
         sizes = np.array([np.bincount(parts[:, p], good[:, p], len(X)) for p in range(len(step[0]))]).T
         good &= np.take_along_axis(sizes, parts, axis=0) > REACH
     good &= parts == sizes.argmax(axis=0)
@@ -65,7 +71,7 @@ def distances(X: Array, good: Mask, weights: Array | None) -> Array:
     """
     F, P, _ = X.shape
     one = np.ones((F, P, 1))
-    found = np.full((len(PAIRS), F, P), np.inf)
+    found: Array = np.full((len(PAIRS), F, P), np.inf)
     for k, (a, b) in enumerate(PAIRS):
         A, B = _shifted(X, a), _shifted(X, b)
         R = X - (b * A - a * B) / (b - a)
@@ -81,10 +87,14 @@ def distances(X: Array, good: Mask, weights: Array | None) -> Array:
     return found
 
 
-def _weights(D: Array, good: Mask) -> Array:
+def second_smallest(D: Array) -> Array:
+    """(F, P) from :func:`distances`."""
+    return np.asarray(np.partition(D, 1, axis=0)[1])
+
+
+def _weights(second: Array, good: Mask) -> Array:
     """Weights (F, P) that fall with the second smallest distance, in units of three times the frame's median."""
-    r = np.partition(D, 1, axis=0)[1]
-    r = np.where(good, r, np.inf)
+    r = np.where(good, second, np.inf)
     usual = np.median(r, axis=1, keepdims=True)
     usual = np.where(np.isfinite(usual), np.maximum(usual, np.finfo(float).tiny), 1)
     return np.asarray((1 + (r / (3 * usual)) ** 2) ** -2)
@@ -110,7 +120,7 @@ def _even(tracks: Array, seen: Mask) -> Array:
     X = np.where(seen[:, None], tracks, np.nan).transpose(0, 2, 1)
     X = X - np.nanmedian(X, axis=1, keepdims=True)
     sizes = np.nanmedian(np.linalg.norm(X, axis=2), axis=1)
-    return np.nan_to_num(X / np.maximum(sizes, np.finfo(float).tiny)[:, None, None])
+    return np.asarray(np.nan_to_num(X / np.maximum(sizes, np.finfo(float).tiny)[:, None, None]))
 
 
 def _usual(values: Array, known: Mask) -> Array:
@@ -129,9 +139,9 @@ def _unusual(values: Array, good: Mask, step: Array, limits: tuple[float, float]
     return np.asarray(known & (values > limits[0] * usual + limits[1] * step))
 
 
-def _shifted(values: Array, k: int) -> Array:
+def _shifted(values: NDArray[T], k: int) -> NDArray[T]:
     """Entry f + k at place f along the first axis; zeros beyond the ends."""
-    shifted = np.zeros_like(values)
+    shifted: NDArray[T] = np.zeros_like(values)
     if abs(k) < len(values):
         here = slice(max(0, -k), len(values) - max(0, k))
         there = slice(max(0, k), len(values) + min(0, k))
