@@ -176,8 +176,8 @@ fields of .npz and .mat, all but the tracks optional (rows of a frame stand toge
 read as they are: arrays of CoTracker, TAPIR and SLEAP (.npz .npy .h5), tables of DeepLabCut and SLEAP (.csv),
 MOTChallenge (.txt), OpenPose's and COCO's .json. docs/own_tracks.md has them all.
 
-written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, outliers.csv, affinity.csv, summary.txt,
-result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
+written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, outliers.csv, affinity.csv,
+summary.txt, result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
 
 exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )

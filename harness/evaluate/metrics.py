@@ -65,7 +65,8 @@ def brief(values: Mapping[str, float], n_points: int | None) -> list[str]:
 def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
     """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed.
 
-    Where the tracks were cleaned, it is that of the cleaned ones, in units of the tracks at scale 1. NaN where the reconstruction has no structure or no cameras.
+    Where the tracks were cleaned, it is that of the cleaned ones, in units of the tracks at scale 1. NaN where the
+    reconstruction has no structure or no cameras.
     """
     if found.structure is None or found.cameras is None:
         return float("nan")
@@ -73,13 +74,17 @@ def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
     return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
 
 
+def tracks_of(scene: Scene, found: Reconstruction) -> Array:
+    """(F, 2, P) tracks that the method was given: the cleaned ones, where they were cleaned."""
+    return scene.tracks if found.cleaned is None else found.cleaned.tracks
+
+
 def image_residuals(scene: Scene, found: Reconstruction) -> Array:
-    """W - R S - t 1', (F, 2, P), t the best translation of each frame; NaN where tracks are not visible, or cleaned out.
+    """W - R S - t 1', (F, 2, P), t the best translation of each frame; NaN where tracks are not visible.
 
     The reconstruction has structure and cameras.
     """
-    tracks = scene.tracks if found.cleaned is None else found.cleaned.tracks
-    return centre(centre(tracks) - needed(found.cameras) @ needed(found.structure))
+    return centre(centre(tracks_of(scene, found)) - needed(found.cameras) @ needed(found.structure))
 
 
 def e_3d(estimate: Array, truth: Array) -> float:
@@ -183,8 +188,8 @@ def _by_body(estimate: Estimate) -> dict[int, float]:
 
 
 def _reprojection(estimate: Estimate) -> float:
-    residuals = image_residuals(estimate.scene, estimate.found)
-    return float(_norm(residuals) / _norm(np.where(np.isnan(residuals), np.nan, centre(estimate.scene.tracks))))
+    tracks = tracks_of(estimate.scene, estimate.found)
+    return float(_norm(image_residuals(estimate.scene, estimate.found)) / _norm(centre(tracks)))
 
 
 def _rotation(estimate: Estimate) -> float:

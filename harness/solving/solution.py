@@ -191,7 +191,8 @@ class Solution:
             scales = 1.0 if cleaned.scales is None else cleaned.scales[:, None, None]
             residuals = np.linalg.norm(self.scene.tracks / scales - images - shift, axis=1)
         places = np.argwhere(cleaned.outliers).tolist()
-        return [{"frame": self.frames[f], "track": self.ids[p], "residual": float(residuals[f, p])} for f, p in places]
+        known = [(f, p, float(residuals[f, p]) if residuals[f, p] >= 0 else None) for f, p in places]
+        return [{"frame": self.frames[f], "track": self.ids[p], "residual": r} for f, p, r in known]
 
     def _bodies_and_metrics(self) -> Iterator[tuple[str, str]]:
         if self.labels is not None:
