@@ -215,7 +215,8 @@ class Solution:
         ``reconstruction.npz`` (``structure`` (F, 3, P), ``labels`` (P,), ``cameras`` (F, 2, 3), ``affinity`` (P, P) or,
         where it is sparse, the rows, columns and values of its upper triangle; ``frame_ids``, ``track_ids``,
         ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
-        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left out.
+        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left
+        out.
 
         Returns the folder; raises UsageError if it holds anything else than a solution.
         """

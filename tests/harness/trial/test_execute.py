@@ -20,7 +20,7 @@ from nrsfm.harness.evaluate import reconstruct
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.record.trial import Trial, digest
+from nrsfm.harness.record.trial import OPTIONAL, Trial, digest
 from nrsfm.harness.trial import worker
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.identity import identify
@@ -290,7 +290,7 @@ def test_gaps_of_nothing_are_no_setting() -> None:
         for words in ([], ["gaps=random", "gaps.share=0"], ["gaps.length=9"], ["gaps.share=0.3"])
     )
     assert {trial.setting for trial in others} == {plain.setting} and not plain.gaps
-    before = {name: value for name, value in asdict(plain).items() if name != "gaps"}
+    before = {name: value for name, value in asdict(plain).items() if name not in OPTIONAL}
     assert plain.setting == digest(before)
 
 
