@@ -21,7 +21,7 @@ def corrupt(
     zooming: str = "smooth",
     repeat: int = 0,
 ) -> Array:
-    """A corrupted copy of (F, 2, P) tracks; NaN stays NaN. Each draw depends on the scene's name, amount and repeat.
+    """A corrupted copy of (F, 2, P) tracks; positions that are NaN stay NaN, and no others are. Each draw depends on the scene's name, amount and repeat.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def corrupt(
         rng = np.random.default_rng(seed(f"{scene}|jumps", jumps, repeat))
         for p in rng.permutation(P)[: round(jumps * P)]:
             start, target = rng.integers(F // 2, max(3 * F // 4, F // 2 + 1)), (p + rng.integers(1, P)) % P
-            W[start:, :, p] = tracks[start:, :, target]
+            W[start:, :, p] = np.where(np.isnan(tracks[start:, :, target]), W[start:, :, p], tracks[start:, :, target])
     if zoom:
         W *= zoom_factors(F, zoom, zooming, seed(f"{scene}|{zooming} zoom", zoom, repeat))[:, None, None]
     if outliers:
@@ -57,7 +57,7 @@ def corrupt(
         seen = np.argwhere(np.isfinite(W[:, 0]))
         f, p = rng.permutation(seen)[: round(outliers * len(seen))].T
         W[f, :, p] = rng.uniform(np.nanmin(W, axis=(0, 2)), np.nanmax(W, axis=(0, 2)), (len(f), 2))
-    return np.where(np.isfinite(tracks), W, np.nan)
+    return W
 
 
 def zoom_factors(n_frames: int, zoom: float, zooming: str, seed: int) -> Array:

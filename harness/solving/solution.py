@@ -215,8 +215,8 @@ class Solution:
         ``reconstruction.npz`` (``structure`` (F, 3, P), ``labels`` (P,), ``cameras`` (F, 2, 3), ``affinity`` (P, P) or,
         where it is sparse, the rows, columns and values of its upper triangle; ``frame_ids``, ``track_ids``,
         ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
-        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left
-        out.
+        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that there
+        are none of are left out.
 
         Returns the folder; raises UsageError if it holds anything else than a solution.
         """
@@ -307,8 +307,10 @@ class Solution:
             entries = zip(("xx", "xy", "xz", "yx", "yy", "yz"), self.cameras.reshape(-1, 6).T, strict=True)
             scale = {} if self.scales is None else {"scale": self.scales}
             export.write_csv(new / folder.CAMERAS, {"frame": self.frames, **dict(entries), **scale})
-        if outliers := self._outliers():
-            export.write_csv(new / folder.OUTLIERS, {name: [o[name] for o in outliers] for name in outliers[0]}, "%.6g")
+        if self.outliers is not None:
+            rows = self._outliers()
+            columns = {name: [row[name] for row in rows] for name in ("frame", "track", "residual")}
+            export.write_csv(new / folder.OUTLIERS, columns, "%.6g")
         if self.affinity is not None:
             export.write_affinity(new / folder.AFFINITY, self.affinity, self.ids)
 

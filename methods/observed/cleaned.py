@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nrsfm.methods.base import Array, Mask, MethodError
+from nrsfm.methods.base import Array, Mask
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.observed.outliers import find_outliers
 from nrsfm.methods.observed.scale import estimate_scales
@@ -43,21 +43,11 @@ class Cleaned:
         return complete(self.tracks, self.visible)
 
     def without_outliers(self) -> Cleaned:
-        """With outliers marked as not visible.
-
-        Raises
-        ------
-        MethodError
-            If a frame or a track would keep fewer than two observations.
-        """
+        """With outliers marked as not visible."""
         outliers = find_outliers(self.tracks, self.visible)
         if not outliers.any():
             return replace(self, outliers=outliers)
         visible = ~outliers if self.visible is None else self.visible & ~outliers
-        for axis, word in ((1, "frame"), (0, "track")):
-            few = np.flatnonzero(visible.sum(axis=axis) < 2)
-            if len(few):
-                raise MethodError(f"{word} {few[0]} holds hardly anything but outliers; leave it out")
         tracks = np.where(visible[:, None], self.tracks, np.nan)
         return replace(self, tracks=tracks, visible=visible, outliers=outliers)
 

@@ -25,6 +25,8 @@ from nrsfm.methods.structure.pta import trajectory_basis
 DRIFT = 5
 #: Variance of what is left of a pair's motion, in parts of that of the strongest drift.
 REST = 0.1
+#: Motion of a pair, in parts of the scene's spread, below which pairs are equally rigid.
+RIGID = 1e-3
 #: A gain below it is no evidence for a change of scale: see :func:`estimate_scales`.
 SIGNIFICANT = 0.1
 #: Pairs are made from at most so many tracks, evenly spread over all.
@@ -59,16 +61,16 @@ def estimate_scales(tracks: Array, cameras: Array, *, max_iter: int = 30, tol: f
     W = (chosen - chosen.mean(axis=2, keepdims=True)).reshape(2 * F, -1)
     V = _unpunished(cameras)
     pairs = np.triu_indices(W.shape[1], 1)
-    least = 1e-6 * float(np.mean(W**2)) * F  # rounding of a pair that is rigid
+    least = RIGID**2 * float(np.mean(W**2))
     K = np.eye(2 * F) - V @ V.T
 
     def energies(u: Array) -> Array:
-        """|u y|^2_K of all pairs, (P, P)."""
+        """|u y|^2_K of all pairs, (P, P), and the least motion."""
         Y = np.repeat(u, 2)[:, None] * W
         Z = V.T @ Y
         G = Y.T @ Y - Z.T @ Z
         d = np.diag(G)
-        return np.asarray(np.maximum(d[:, None] + d - 2 * G, 0) + least)
+        return np.asarray(np.maximum(d[:, None] + d - 2 * G, 0) + least * (u @ u))
 
     u = np.ones(F)
     first = current = energies(u)
@@ -77,7 +79,7 @@ def estimate_scales(tracks: Array, cameras: Array, *, max_iter: int = 30, tol: f
         np.fill_diagonal(weights, 0)
         weights /= weights.sum()
         laplacian = np.diag(weights.sum(axis=1)) - weights
-        M = (K * (W @ laplacian @ W.T)).reshape(F, 2, F, 2).sum(axis=(1, 3))
+        M = (K * (W @ laplacian @ W.T)).reshape(F, 2, F, 2).sum(axis=(1, 3)) + least / 2 * np.eye(F)
         before, u = u, _balanced(M * (F / float(u @ M @ u)), u)
         current = energies(u)
         if np.abs(np.log(u / before)).max() < tol:

@@ -136,7 +136,8 @@ def test_what_is_written_agrees(scene: Scene, tmp_path: Path) -> None:
     told = list(csv.DictReader((folder / "labels.csv").open()))
     assert {row["track"]: row["true_label"] for row in told} == {f"m{p}": "AB"[p // 15] for p in range(30)}
     cameras = np.loadtxt(folder / "cameras.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(cameras[:, 1:].reshape(-1, 2, 3), R, rtol=1e-12)
+    np.testing.assert_allclose(cameras[:, 1:7].reshape(-1, 2, 3), R, rtol=1e-12)
+    assert (cameras[:, 7] == 1).all() and (folder / "outliers.csv").read_text() == "frame,track,residual\n"
     pairs = list(csv.DictReader((folder / "affinity.csv").open()))
     assert len(pairs) == np.count_nonzero(np.triu(solution.affinity, k=1))
     clouds = sorted((folder / "ply").iterdir())
@@ -161,6 +162,34 @@ def read_ply(path: Path) -> Any:
     points = np.frombuffer(body, kind)
     assert f"element vertex {len(points)}" in lines
     return points
+
+
+def test_outliers_and_zoom_are_taken_out_and_listed(scene: Scene, tmp_path: Path) -> None:
+    """Structure is at scale 1; both switches leave the tracks as they are."""
+    spoilt = scene.with_corruption(outliers=0.03, zoom=0.3, zooming="random")
+    bad = spoilt.tracks != scene.with_corruption(zoom=0.3, zooming="random").tracks
+    solution, plain = solve(spoilt), solve(scene)
+    assert solution.scales is not None and solution.outliers is not None and solution.structure is not None
+    assert solution.metrics["n_wrong"] == 0 and solution.metrics["e_3d"] < 1.3 * plain.metrics["e_3d"]
+    assert solution.metrics["reprojection"] < 0.02
+    assert (solution.outliers & bad.any(axis=1)).sum() > 0.9 * bad.any(axis=1).sum()
+    factors = np.linalg.norm(scene.with_corruption(zoom=0.3, zooming="random").tracks, axis=(1, 2))
+    factors /= np.linalg.norm(scene.tracks, axis=(1, 2))
+    assert np.std(np.log(solution.scales / factors)) < 0.02
+    facts = dict(solution.facts())
+    assert re.fullmatch(
+        r"\d+ observations on \d+ tracks, taken for missing; outliers.csv lists them", facts["outliers"]
+    )
+    assert re.match(r"from 0\.\d+ to 1\.\d+, taken out", facts["image scale"])
+    folder = solution.save(tmp_path / "found")
+    rows = list(csv.DictReader((folder / "outliers.csv").open()))
+    record = json.loads((folder / "result.json").read_text())
+    assert {(row["frame"], row["track"]) for row in rows} == {(o["frame"], o["track"]) for o in record["outliers"]}
+    assert len(rows) == solution.outliers.sum()
+    assert np.median([float(row["residual"]) for row in rows]) > 10 * np.sqrt(np.mean(spoilt.tracks**2)) * 0.02
+    np.testing.assert_allclose(record["scales"], solution.scales)
+    off = solve(spoilt, overrides=["observations.robust=false", "observations.scale=false"], max_iter=3)
+    assert off.scales is None and off.outliers is None and "image scale" not in dict(off.facts())
 
 
 def test_the_structure_reprojects_in_the_units_of_the_file(scene: Scene, tmp_path: Path) -> None:
