@@ -21,7 +21,9 @@ def corrupt(
     zooming: str = "smooth",
     repeat: int = 0,
 ) -> Array:
-    """A corrupted copy of (F, 2, P) tracks; positions that are NaN stay NaN, and no others are. Each draw depends on the scene's name, amount and repeat.
+    """A corrupted copy of (F, 2, P) tracks; positions that are NaN stay NaN, and no others are.
+
+    Each draw depends on the scene's name, amount and repeat.
 
     Parameters
     ----------

@@ -170,9 +170,9 @@ class Solution:
     def _cleaning(self) -> Iterator[tuple[str, str]]:
         """What was taken out of the tracks."""
         if (outliers := self.outliers) is not None:
-            tracks = int(outliers.any(axis=0).sum())
-            listed = f" on {tracks} tracks, taken for missing; {folder.OUTLIERS} lists them"
-            yield "outliers", f"{int(outliers.sum())} observations{listed}" if tracks else "none"
+            n, tracks = int(outliers.sum()), int(outliers.any(axis=0).sum())
+            places = f"{n} of the observations ({outliers.mean():.2%}), on {tracks} of the tracks"
+            yield "outliers", f"{places}; taken for missing, listed in {folder.OUTLIERS}" if n else "none"
         if (scales := self.scales) is not None:
             words = (
                 f"from {scales.min():.3g} to {scales.max():.3g}, taken out; structure is in units of the tracks at 1"
