@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
-
-if TYPE_CHECKING:
-    from nrsfm.methods.observed.cleaned import Cleaned
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -73,6 +70,31 @@ class Observations:
 
 
 @dataclass(frozen=True, eq=False)
+class Cleaned:
+    """Tracks as a method gets them, and what was taken out of them before. What was not looked for is None.
+
+    Parameters
+    ----------
+    tracks : (F, 2, P) array
+        Image coordinates divided by the scales; NaN where not visible.
+    visible : (F, P) bool array or None
+        False where a track is not observed or was an outlier; None if all count.
+    outliers : (F, P) bool array or None
+        Observations that do not fit the motion around them.
+    scales : (F,) array or None
+        Scale of each frame, of geometric mean 1; all 1 where the tracks show no change of scale.
+    scale_gain : float or None
+        Evidence for a change of scale, see :func:`nrsfm.methods.observed.scale.estimate_scales`.
+    """
+
+    tracks: Array
+    visible: Mask | None = None
+    outliers: Mask | None = None
+    scales: Array | None = None
+    scale_gain: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """The result of a method. Absent parts are None: a method never fills in what it does not compute.
 
@@ -89,7 +111,7 @@ class Reconstruction:
     history : mapping of str to (T,) array
         Curves by iteration: ``objective``, residuals, ``seconds`` of CPU time and ``operations``.
     cleaned : Cleaned or None
-        The tracks that the method was given, where they are not the scene's; set by the harness.
+        The tracks that the method was given, where outliers or scales were looked for; set by the harness.
     """
 
     labels: Labels | None = None

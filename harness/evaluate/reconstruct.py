@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -14,8 +15,9 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
-from nrsfm.methods.base import Method, MethodError, Observations, Progress, Reconstruction, stage
-from nrsfm.methods.observed.cleaned import Cleaned
+from nrsfm.methods.base import Cleaned, Method, MethodError, Observations, Progress, Reconstruction, stage
+from nrsfm.methods.gaps import complete
+from nrsfm.methods.observed.cleaning import at_one_scale, without_outliers
 from nrsfm.methods.structure.rotation import estimate_cameras
 
 #: Observations as they are.
@@ -44,7 +46,7 @@ def reconstruct(
     observations : mapping
         ``robust``: whether outliers become missing observations. ``scale``: whether each frame's scale is taken out of
         the tracks, for which cameras are needed, whatever the method. See
-        :class:`nrsfm.methods.observed.cleaned.Cleaned`.
+        :class:`nrsfm.methods.base.Cleaned`.
     memory_gb : float
         A method that is forecast to need more is not started.
     progress : callable, optional
@@ -60,28 +62,32 @@ def reconstruct(
     if reason := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(reason)
     base.check_gap_handling(method, scene.visible)
-    tracks = Cleaned(scene.tracks, scene.visible)
+    cleaned = Cleaned(scene.tracks, scene.visible)
     if observations["robust"]:
         stage(progress, "outliers")
-        tracks = tracks.without_outliers()
+        cleaned = without_outliers(cleaned)
+    whole = cache(lambda: complete(cleaned.tracks, cleaned.visible))
     R = None
     if method.uses_cameras or observations["scale"]:
         R = scene.cameras
         if cameras["source"] != "known":
             stage(progress, "cameras")
             options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
-            R = estimate_cameras(tracks.whole, **options)
+            R = estimate_cameras(whole(), **options)
         elif R is None:
             raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
+    given = cleaned
     if observations["scale"] and R is not None:
         stage(progress, "scale")
-        tracks = tracks.at_one_scale(R)
+        given = at_one_scale(cleaned, whole(), R)
     stage(progress, "method")
-    given = tracks if method.handles_gaps else replace(tracks, tracks=tracks.whole, visible=None)
-    cameras_used = R if method.uses_cameras else None
-    found = method.reconstruct(Observations(given.tracks, cameras_used, given.visible, scene.edges, progress), n_bodies)
+    tracks, visible = given.tracks, given.visible
+    if visible is not None and not method.handles_gaps:
+        tracks, visible = complete(tracks, visible), None
+    R = R if method.uses_cameras else None
+    found = method.reconstruct(Observations(tracks, R, visible, scene.edges, progress), n_bodies)
     check(found, method.provides, scene.tracks.shape)
-    return replace(found, cleaned=tracks) if any(observations.values()) else found
+    return replace(found, cleaned=given) if any(observations.values()) else found
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:

@@ -8,8 +8,8 @@ import scipy.linalg
 
 from nrsfm.datasets.corruption import zoom_factors
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Array
-from nrsfm.methods.observed.cleaned import Cleaned
+from nrsfm.methods.base import Array, Cleaned
+from nrsfm.methods.observed.cleaning import at_one_scale
 from nrsfm.methods.observed.scale import REST, RIGID, estimate_scales
 from nrsfm.methods.structure.pta import trajectory_basis
 from tests.conftest import PAIRS
@@ -91,11 +91,11 @@ def test_scales_are_a_minimum_of_the_likelihood(small_scene: Scene, rng: np.rand
 
 def test_zoom_is_taken_out_and_nothing_else(small_scene: Scene) -> None:
     cameras = present(small_scene.cameras)
-    still = Cleaned(small_scene.tracks).at_one_scale(cameras)
+    still = at_one_scale(Cleaned(small_scene.tracks), small_scene.tracks, cameras)
     assert still.tracks is not None and (present(still.scales) == 1).all()
     np.testing.assert_array_equal(still.tracks, small_scene.tracks)
     tracks, factors = zoomed(small_scene)
-    cleaned = Cleaned(tracks).at_one_scale(cameras)
+    cleaned = at_one_scale(Cleaned(tracks), tracks, cameras)
     np.testing.assert_allclose(cleaned.tracks * present(cleaned.scales)[:, None, None], tracks)
     assert np.std(np.log(present(cleaned.scales) / factors)) < 0.03
 
