@@ -26,6 +26,8 @@ REACH = 3
 WINDOW = 25
 #: An outlier, or a jump, is off by more than so many usual residuals and so many usual steps from frame to frame.
 OUTLIER, JUMP = (8.0, 0.5), (10.0, 1.5)
+#: Residuals are never usual below this, in parts of the median distance of points from the middle.
+LEAST = 1e-3
 #: Rounds of reweighting, of finding single outliers, and of finding jumps.
 ROUNDS = 2
 #: Pairs of frames, relative to the one that they predict.
@@ -39,6 +41,7 @@ def find_outliers(tracks: Array, visible: Mask | None = None) -> Mask:
 
     Single outliers are found first. Then tracks are cut where what is before and what is after do not predict each
     other. Parts of a few frames are outliers; of the others the longest is kept, the first of two of one length.
+    Frames and tracks that would keep fewer than two observations keep all.
     """
     seen: Mask = np.isfinite(tracks[:, 0] + tracks[:, 1]) if visible is None else visible
     X = _even(tracks, seen)
@@ -55,10 +58,17 @@ def find_outliers(tracks: Array, visible: Mask | None = None) -> Mask:
     weights = _weights(second, good)
     for _ in range(ROUNDS):
         parts = np.cumsum(_cuts(distances(X, good, weights), good, step), axis=0, dtype=np.int64)
-        sizes = np.array([np.bincount(parts[:, p], good[:, p], len(X)) for p in range(len(step[0]))]).T
-        good &= np.take_along_axis(sizes, parts, axis=0) > REACH
-    good &= parts == sizes.argmax(axis=0)
-    return np.asarray(seen & ~good)
+        cut = np.flatnonzero(parts[-1])
+        for p in cut:
+            good[:, p] &= (np.bincount(parts[:, p], good[:, p]) > REACH)[parts[:, p]]
+        if len(cut) == 0:
+            break
+    for p in cut:
+        good[:, p] &= parts[:, p] == np.argmax(np.bincount(parts[:, p], good[:, p]))
+    outliers: Mask = seen & ~good
+    outliers[:, good.sum(axis=0) < 2] = False
+    outliers[good.sum(axis=1) < 2] = False
+    return outliers
 
 
 def distances(X: Array, good: Mask, weights: Array | None) -> Array:
@@ -71,7 +81,7 @@ def distances(X: Array, good: Mask, weights: Array | None) -> Array:
     """
     F, P, _ = X.shape
     one = np.ones((F, P, 1))
-    found: Array = np.full((len(PAIRS), F, P), np.inf)
+    found = np.empty((len(PAIRS), F, P))
     for k, (a, b) in enumerate(PAIRS):
         A, B = _shifted(X, a), _shifted(X, b)
         R = X - (b * A - a * B) / (b - a)
@@ -83,7 +93,7 @@ def distances(X: Array, good: Mask, weights: Array | None) -> Array:
             size = np.trace(N, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
             R = R - Z @ np.linalg.solve(N + size * np.diag([2e-3, 2e-3, 2e-3, 2e-3, 1e-9]), weighted @ R)
         known = _shifted(good, a) & _shifted(good, b)
-        found[k][known] = np.linalg.norm(R[known], axis=1)
+        found[k] = np.where(known, np.hypot(R[:, :, 0], R[:, :, 1]), np.inf)
     return found
 
 
@@ -135,7 +145,7 @@ def _unusual(values: Array, good: Mask, step: Array, limits: tuple[float, float]
     known = good & np.isfinite(values)
     usual = _usual(values, good)
     if known.any():
-        usual = np.maximum(usual, np.median(values[known]))
+        usual = np.maximum(usual, max(float(np.median(values[known])), LEAST))
     return np.asarray(known & (values > limits[0] * usual + limits[1] * step))
 
 

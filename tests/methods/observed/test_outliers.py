@@ -101,6 +101,24 @@ def test_outliers_become_gaps(small_scene: Scene) -> None:
     assert clean.visible is None and clean.tracks is small_scene.tracks
 
 
+def test_short_tracks_and_points_at_rest_are_no_outliers(small_scene: Scene) -> None:
+    """A point that begins to move a little among points that stand still; a track that is seen in three frames."""
+    tracks = small_scene.tracks[:1] + np.zeros((len(small_scene.tracks), 1, 1))
+    tracks[10:, 0, 3] += 1e-3 * np.std(tracks)
+    assert not find_outliers(tracks).any()
+    tracks, visible = small_scene.tracks.copy(), np.ones(small_scene.tracks[:, 0].shape, bool)
+    visible[3:, 5] = False
+    assert not find_outliers(tracks, visible).any()
+
+
+def test_every_track_keeps_two_observations(small_scene: Scene, rng: np.random.Generator) -> None:
+    tracks, visible = small_scene.tracks.copy(), np.ones(small_scene.tracks[:, 0].shape, bool)
+    visible[4:, 5] = False
+    tracks[:4, :, 5] = 5 * rng.standard_normal((4, 2))
+    kept = visible & ~find_outliers(tracks, visible)
+    assert kept.sum(axis=0).min() >= 2
+
+
 @pytest.mark.data
 @pytest.mark.parametrize("name", PAIRS)
 def test_real_bodies(name: str) -> None:
