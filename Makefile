@@ -1,4 +1,5 @@
-# make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable
+# make tables   the tables 1 and 2 of the paper, on the real sequences where found or downloadable, and two dancers without them
+# make install  the environment .venv with all that tests and documents need
 # make test     lint, types, import contracts and the test suite
 # make bench    speed of the solvers beside named alternatives
 # make validate the longer checks: published numbers on whole datasets, launchers, LaTeX; installs all that they need
@@ -24,7 +25,7 @@ apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update -
   echo "cannot install $(1): what needs it is skipped" >&2
 TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
 
-.PHONY: help tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres shells \
+.PHONY: help install tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres shells \
   bench fuzz picture docs dist hooks format clean
 
 help:
@@ -33,14 +34,19 @@ help:
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed; name one with 'make PYTHON=python3.12 ...'" >&2; exit 1; }
+	@echo "Installing into .venv, which takes a minute or two"
 	$(PYTHON) -m venv .venv
 	$(PIP) --editable '.[dev,docs]'
 	@touch $@
 
+install: $(INSTALLED)
+	@echo "Activate it with '. .venv/bin/activate'"
+
 tables: $(INSTALLED)
 	-@$(BIN)/nrsfm data get
-	-@$(BIN)/nrsfm run experiment=tables
-	@$(BIN)/nrsfm report --quiet
+	-@$(BIN)/nrsfm run experiment=tables missing=error
+	-@$(BIN)/nrsfm run experiment=dancers
+	@$(BIN)/nrsfm report table1 table2 dancers --quiet missing=error
 
 test: check
 	$(BIN)/pytest

@@ -6,7 +6,7 @@ import math
 from numbers import Integral
 from pathlib import Path
 
-FETCH = "fetch it with 'nrsfm data get' or set NRSFM_DATA to its folder"
+FETCH = "fetch it with 'nrsfm data get' or set NRSFM_DATA to the folder that holds {folder}/"
 
 
 class DatasetError(ValueError):
@@ -18,8 +18,9 @@ class MissingData(DatasetError):
 
 
 def existing(path: Path, remedy: str = FETCH) -> Path:
-    """The path of a file that is there; raises MissingData with the remedy if it is not."""
+    """The path of a file that is there; raises MissingData with the remedy, ``{folder}`` its folder, if it is not."""
     if not path.is_file():
+        remedy = remedy.replace("{folder}", path.parent.name)
         raise MissingData(f"{path} is not there; {remedy}")
     return path
 

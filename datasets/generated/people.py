@@ -64,7 +64,7 @@ def person(n_points: int = 41, n_frames: int = 120, seed: int = 0, activity: str
     ----------
     n_points : int
         At least 2. The joints come first, then markers on the limbs' skin, each rigid to its bone. Fewer points than
-        joints are an even choice of the joints. The first markers do not depend on how many there are.
+        joints are joints, evenly chosen. The first markers do not depend on how many there are.
     n_frames : int
         At least 2, 1/30 s apart; frames for less than four seconds are spread over four seconds.
     seed : int

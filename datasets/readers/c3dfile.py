@@ -64,7 +64,7 @@ def read_c3d(path: Path) -> Markers:
         If ezc3d is not installed, or the file cannot be read, is cut short, holds no points, or its header, parameters
         and points disagree.
     """
-    existing(path, "set NRSFM_DATA to its folder")
+    existing(path, "set NRSFM_DATA to the folder that holds {folder}/")
     if importlib.util.find_spec("ezc3d") is None:
         raise DatasetError("C3D files are read with ezc3d, which is not installed; pip install 'nrsfm[umpm]'")
     try:

@@ -78,7 +78,7 @@ def mat(path: str, room: int, *names: str) -> dict[str, Any]:
         wanted = [field for field in listing if field[0] in names]
         for name, shape, kind in wanted:
             if stored.count(name) > 1:
-                raise ValueError(f"field {name} is there twice")
+                raise ValueError(f"field {name} is stored twice")
             if min(shape, default=0) < 0:
                 raise ValueError(f"field {name} has a negative size")
             if kind not in NUMERIC:

@@ -30,7 +30,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
         If it cannot be read, or an array holds objects, is too large or not of the size that it states.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    room = allowance(existing(path, "set NRSFM_DATA to its folder"))
+    room = allowance(existing(path, "set NRSFM_DATA to the folder that holds {folder}/"))
 
     def take(name: str, stream: IO[bytes]) -> None:
         nonlocal room
@@ -76,7 +76,7 @@ def _each(path: Path, take: Callable[[str, IO[bytes]], None]) -> None:
             for info in archive.infolist():
                 name = info.filename.removesuffix(".npy")
                 if name in seen:
-                    raise ValueError(f"{info.filename!a} is there twice")
+                    raise ValueError(f"{info.filename!a} is stored twice")
                 seen.add(name)
                 if info.compress_type not in PLAIN:
                     raise ValueError(f"{info.filename!a} is compressed in another way than numpy does")

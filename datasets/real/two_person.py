@@ -8,6 +8,7 @@ dance.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +24,23 @@ from nrsfm.datasets.readers.npzfile import read_npz
 from nrsfm.datasets.real.thinning import Thinning
 from nrsfm.datasets.scene import Scene
 
+SHIPPED = "dancers"
+"""The take that comes with the package."""
+
 FINGERS = ("Thumb", "Index", "Mid", "Ring", "Pinky")
 FIRST = 3
 
 HINT = (
     "it is no public file: a take of CMU subjects 60 and 61 (mocap.cs.cmu.edu), its joints as arrays 'lead60', "
-    "'follow61', 'names', 'parents', 'dt'; set NRSFM_DATA to its folder"
+    "'follow61', 'names', 'parents', 'dt'; set NRSFM_DATA to the folder that holds {folder}/"
 )
 
 
 def path(folder: Path, take: str) -> Path:
-    """The file of a take, ``two_person/TAKE.npz``; raises MissingData if it is not there."""
+    """The file of a take: the package's own, or ``two_person/TAKE.npz``; raises MissingData if it is not there."""
     check_name("dataset.take", take)
+    if take == SHIPPED:
+        return Path(str(resources.files("nrsfm.datasets.shipped").joinpath(f"{take}.npz")))
     return existing(folder / "two_person" / f"{take}.npz", HINT)
 
 
@@ -51,10 +57,7 @@ def load(settings: Mapping[str, Any], folder: Path) -> Scene:
         If it cannot be read or its arrays do not fit each other.
     """
     file = path(folder, settings["take"])
-    arrays = read_npz(file)
-    people = {key: value for key, value in arrays.items() if value.ndim == 3}
-    names, parents, dt = _fields(file, arrays, people)
-    body = np.array([not any(finger in str(joint) for finger in FINGERS) for joint in names])
+    people, _, parents, dt, body = people_of(file, read_npz(file))
     place = np.cumsum(body) - 1  # of a joint among those kept
     bones = np.array([[place[p], place[k]] for k, p in enumerate(parents) if p >= 0 and body[k] and body[p]])
     shapes = {X.shape for X in people.values()}
@@ -74,10 +77,17 @@ def digest(settings: Mapping[str, Any], folder: Path) -> str:
     return sha256(path(folder, settings["take"]))
 
 
-def _fields(
-    file: Path, arrays: dict[str, NDArray[Any]], people: dict[str, NDArray[Any]]
-) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """Names (J,) and parents (J,) of the joints, and the time step; DatasetError unless they fit the people."""
+def people_of(
+    file: Path, arrays: Mapping[str, NDArray[Any]]
+) -> tuple[dict[str, NDArray[Any]], NDArray[Any], NDArray[Any], float, NDArray[np.bool_]]:
+    """The people (F, J, 3) by name, the joints' names (J,), parents (J,), the time step, and which are no fingers (J,).
+
+    Raises
+    ------
+    DatasetError
+        If an array is missing or does not fit the people.
+    """
+    people = {key: value for key, value in arrays.items() if value.ndim == 3}
     for key in ("names", "parents", "dt"):
         if key not in arrays:
             known = ", ".join(ascii(name[:40]) for name in list(arrays)[:20])
@@ -95,4 +105,5 @@ def _fields(
         raise DatasetError(f"{file}: field parents does not name the joints' parents")
     if dt.shape != () or dt.dtype.kind != "f" or not 0 < float(dt) < np.inf:
         raise DatasetError(f"{file}: field dt is no time between frames")
-    return names, parents, float(dt)
+    body = np.array([not any(finger in str(joint) for finger in FINGERS) for joint in names])
+    return people, names, parents, float(dt), body

@@ -15,7 +15,7 @@ def main(argv: Sequence[str]) -> int:
     Raises
     ------
     UsageError
-        If there is nothing to bless, no reason, or the file cannot be used.
+        If a trial has not run, there is no reason, or the file cannot be used.
     """
     options = command_line().read(argv)
     from datetime import UTC, datetime
@@ -27,10 +27,13 @@ def main(argv: Sequence[str]) -> int:
 
     path = locate(options.name)
     if checkout() is None and not options.name.endswith(".json"):
-        raise UsageError(f"the baselines of an installed harness are not written; name a file, {options.name}.json")
+        raise UsageError(f"the baselines of the installed package are not written; name a file, {options.name}.json")
     request = Request.of(options.overrides, default=Path(options.name).stem)
-    baseline = bless(measured(request), path, options.reason, f"{datetime.now(UTC):%Y-%m-%d}")
-    print(f"{len(baseline.rows)} rows written to {path}")
+    outcomes = measured(request)
+    if len(outcomes) < len(request.trials):
+        raise UsageError("a baseline holds every trial of its experiment: run the others first, or name fewer")
+    baseline = bless(outcomes, path, options.reason, f"{datetime.now(UTC):%Y-%m-%d}")
+    print(f"{path}: {len(baseline.rows)} rows of {len(outcomes)} trials")
     return 0
 
 
@@ -43,7 +46,7 @@ nrsfm bless quick --reason 'exact E-step' experiment=quick
 nrsfm bless tables --reason 'scipy 1.17 finds the eigenvectors to more digits' experiment=tables
 nrsfm bless my_lab.json --reason 'first measured' experiment=quick method=adaptive  # a file of your own""",
         "'nrsfm compare experiment=quick compare.baseline=my_lab.json' holds later runs against it.\n\n"
-        "exit codes: 0 written, 3 usage: nothing to bless, or no reason",
+        "exit codes: 0 written, 3 usage: a trial has not run, or there is no reason",
     )
     parser.add_words("name", _baselines, help="one of reports/baselines, or a path that ends in .json")
     parser.add_overrides(more="; experiment=NAME when none is named")

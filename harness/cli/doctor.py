@@ -16,7 +16,7 @@ COLOURS = {OK: 32, NOTE: 33, PROBLEM: 31}  # of a terminal
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print the findings; exit code 0 when the harness can be used, 2 when something stands in the way.
+    """Print the findings; exit code 0 when nrsfm can be used, 2 when something stands in the way.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
         print(json.dumps(data, indent=1, ensure_ascii=False))
     else:
         counts = [f"{n} {plural(state, n)}" for state in (PROBLEM, NOTE) if (n := states.count(state))]
-        verdict = "something stands in the way" if PROBLEM in states else "the harness can be used"
+        verdict = "something stands in the way" if PROBLEM in states else "nrsfm can be used"
         print(f"{', '.join([verdict, *counts])}; {time.monotonic() - begun:.1f} s")
     return 2 if PROBLEM in states else 0
 

@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     _write(texts)
     tests = next(path for path in texts if path.name == f"test_{options.name}.py")
     print("\n".join(f"wrote {_short(path)}" for path in texts))
-    print(f"{after}  pytest {_short(tests)}\n  nrsfm run experiment=quick {options.kind}={options.name}")
+    print(f"{after}  pytest -n0 {_short(tests)}\n  nrsfm run experiment=quick {options.kind}={options.name}")
     return 0
 
 
@@ -150,7 +150,7 @@ def command_line() -> Parser:
     parser = Parser(
         "nrsfm new",
         "Write a method or a dataset of your own. Its module, configuration and test run at once. "
-        "In a checkout of the harness they go into its folders, elsewhere into a package to install.",
+        "In a checkout of nrsfm they go into its folders, elsewhere into a package to install.",
         """\
 nrsfm new method my_method  # then: nrsfm run experiment=quick method=my_method
 nrsfm new dataset my_scenes

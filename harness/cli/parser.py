@@ -61,7 +61,7 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(3)
 
     def read(self, argv: Sequence[str]) -> argparse.Namespace:
-        """Parse, with options and words in any order; UsageError if an override chooses what there is not."""
+        """Parse, with options and words in any order; UsageError if an override names a choice that does not exist."""
         if self._subparsers is not None:  # argparse mixes no words into those
             return self.parse_args(list(argv))
         options = self.parse_intermixed_args(list(argv))

@@ -47,14 +47,18 @@ def main(argv: Sequence[str]) -> int:
     elif not options.quiet:
         for table in report.tables:
             console(table)
-    print(report.summary)
+    if options.claims or options.quiet:
+        print(report.summary)
     print(f"Written to {folder}; open {folder / 'index.html'}")
     runs = [run for group in report.answers.values() for _, run in group]
     statuses = [run.outcome.status for run in runs if run]
     missing, absent = runs.count(None), statuses.count(ABSENT)
     failed = sum(status not in (OK, ABSENT) for status in statuses)
     if missing:
-        print(f"{missing} trials are not run yet; 'nrsfm run experiment=...' runs them", file=sys.stderr)
+        unrun = [name for name, group in report.answers.items() if any(run is None for _, run in group)]
+        words = [word for word in options.words if "=" in word]
+        commands = "; ".join(" ".join(["nrsfm run", f"experiment={name}", *words]) for name in unrun)
+        print(f"{missing} trials are not run yet: {commands}", file=sys.stderr)
     if absent:
         print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)
     if failed:

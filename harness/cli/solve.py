@@ -57,7 +57,7 @@ def _solve(options: argparse.Namespace) -> int:
     from nrsfm.methods.base import MethodError
 
     settings = settings_of([f"method={options.method}"])
-    folder = (options.out or settings.output / "solve" / scene.name).expanduser()
+    folder = (options.out or settings.output / "solve" / options.file.name).expanduser()
     check_folder(folder)
     arguments = {
         "method": options.method,
@@ -197,7 +197,7 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     parser.add_argument("--axes", default="", help="of an array, where unclear: F frames, P tracks, 2 x and y; F,P,2")
     parser.add_argument("--confidence", type=float, metavar="C", help="below it a position counts as not observed")
     parser.add_argument("--y", choices=Y, default=AUTO, help="where y points in the image; down in pixels")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/NAME in NRSFM_OUTPUT)")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to write (solve/FILE in NRSFM_OUTPUT)")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="also write a moving picture")
     parser.add_argument("--open", action="store_true", help="open the 3D view in a browser")
     return parser

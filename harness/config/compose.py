@@ -31,7 +31,7 @@ WORDS: dict[str, tuple[str, ...]] = {"missing": get_args(Missing), "rerun": get_
 
 
 class Configurations(SearchPathPlugin):  # type: ignore[misc]  # Hydra is untyped
-    """Adds the configurations of installed packages to Hydra's search path, after the harness's own."""
+    """Adds the configurations of installed packages to Hydra's search path, after the package's own."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         for package, folder in folders().items():
@@ -76,7 +76,7 @@ def configurations() -> Iterator[None]:
         if GlobalHydra.instance().is_initialized():
             yield
         else:
-            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="harness"):
+            with initialize_config_module("nrsfm.conf", version_base="1.3", job_name="nrsfm"):
                 yield
 
 

@@ -24,7 +24,7 @@ from nrsfm.harness.record.trial import GROUPS
 
 
 def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
-    """:func:`resolved` of the configuration of each job, files read as seldom as can be.
+    """:func:`resolved` of the configuration of each job, each file read once.
 
     Jobs that differ in values alone share one configuration, in which the values are set: Hydra as well merges files
     first and sets values after. The files of all choices are read in one composition, see :class:`_Composed`.

@@ -46,7 +46,7 @@ def threads(settings: Settings) -> Iterator[Finding]:
     )
     state, remedy = OK, ""
     if not blas:
-        state, remedy = NOTE, "its threads cannot be limited: set OMP_NUM_THREADS=1 before the harness starts"
+        state, remedy = NOTE, "its threads cannot be limited: set OMP_NUM_THREADS=1 before nrsfm starts"
     elif workers * settings.threads > n_cores:
         state, text = NOTE, f"{text}: more than there are cores, which may be many times slower"
         remedy = f"take workers={n_cores // settings.threads}" if settings.threads <= n_cores else "take threads=1"

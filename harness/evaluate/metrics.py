@@ -331,7 +331,7 @@ METRICS = (
     Metric(
         "eigengap",
         _eigengap,
-        "the gap between the eigenvalues of the affinity's Laplacian behind so many clusters",
+        "the gap after the n-th eigenvalue of the affinity's Laplacian, n the number of clusters",
         unit="",
         better="",
         absent=NO_LABELS,

@@ -141,7 +141,7 @@ class Baseline:
             known = rows.get(row.key)
             if known is not None:
                 if not row.metrics or row.metrics.keys() <= known.metrics.keys():
-                    raise UsageError(f"{path}: rows[{i}] {row.title} stands twice; remove one")
+                    raise UsageError(f"{path}: rows[{i}] {row.title} is there twice; remove one")
                 if replace(row, metrics={}, spreads={}) != replace(known, metrics={}, spreads={}):
                     raise UsageError(f"{path}: rows[{i}] {row.title} is not of the same trials as its other cells")
                 row = replace(row, metrics=known.metrics | row.metrics, spreads=known.spreads | row.spreads)

@@ -145,7 +145,7 @@ def parse(path: Path, text: str | bytes) -> BaselineFile:
 
 
 def _unique(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    _require(len(dict(items)) == len(items), "a name stands twice in one object")
+    _require(len(dict(items)) == len(items), "a name is twice in one object")
     return dict(items)
 
 

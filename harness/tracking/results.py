@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,13 +22,13 @@ BEFORE = ("dataset", "method", "cameras", "placement", "motion", "level", "gaps"
 AFTER = ("seconds", "cpu_seconds", "peak_mb", "status", "error", "sweep", "finished", "key")
 
 
-def results(output: str | Path = "outputs", experiment: str | None = None) -> pd.DataFrame:
+def results(output: str | Path | None = None, experiment: str | None = None) -> pd.DataFrame:
     """Finished trials as a table, one row a trial, read from the records in an output folder.
 
     Parameters
     ----------
-    output : str or Path
-        The folder that ``nrsfm run`` wrote to.
+    output : str or Path, optional
+        The folder that ``nrsfm run`` wrote to: by default ``NRSFM_OUTPUT``, or ``outputs``.
     experiment : str, optional
         Restricts the table to the trials of an experiment such as ``table1``, in its order; those that have not run
         have status ``missing``. By default all trials, in the order in which they ended.
@@ -47,10 +48,10 @@ def results(output: str | Path = "outputs", experiment: str | None = None) -> pd
     --------
     ::
 
-        trials = results("outputs", experiment="table1")
-        trials[trials.status == "ok"].groupby(["dataset", "method"]).e_ms.mean().unstack()
+        trials = results(experiment="table1")
+        trials[~trials.stand_in].groupby(["dataset", "method"]).e_ms.mean().unstack()
     """
-    folder = Path(output) / "trials"
+    folder = Path(output or os.environ.get("NRSFM_OUTPUT") or "outputs") / "trials"
     if not folder.is_dir():
         raise UsageError(f"{folder} is missing; name the folder that 'nrsfm run' wrote to: results('outputs')")
     runs = Runs.of_folder(folder)

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from nrsfm.harness.record.text import count, number
 from nrsfm.reports.layouts.table_metrics import TableMetric
-from nrsfm.reports.tables.model import LEGEND, Cell, Table, Verdict
+from nrsfm.reports.tables.model import LEGEND, NOT_ASKED, Cell, Table, Verdict
 
 WIDTH = 120
 STYLES = {Verdict.REPRODUCED: "green", Verdict.BETTER: "cyan", Verdict.WORSE: "red", Verdict.STAND_IN: "magenta"}
@@ -18,6 +18,7 @@ STYLES = {Verdict.REPRODUCED: "green", Verdict.BETTER: "cyan", Verdict.WORSE: "r
 def console(table: Table, target: Console | None = None) -> None:
     """Print a table, its loud notes and the reasons of its empty cells, on standard output by default.
 
+    Lines of which no number was asked are left out.
     Plain text, 120 columns wide, where the target is no terminal.
     """
     target = target or Console()
@@ -38,7 +39,7 @@ def reasons(table: Table) -> list[str]:
     """Reasons that do not fit into their cells, equal ones together: ``EDSC e_MS: failed: ... (Dance+Yoga)``."""
     rows_of: dict[tuple[str, str, str], list[str]] = {}
     for row, column, cell in table.cells():
-        if cell.measured is None and cell.reason != _first_words(cell.reason):
+        if cell.measured is None and cell.reason != NOT_ASKED and cell.reason != _first_words(cell.reason):
             rows_of.setdefault((column.label, column.metric.label, cell.reason), []).append(row.label)
     return [f"{label} {metric}: {reason} ({', '.join(rows)})" for (label, metric, reason), rows in rows_of.items()]
 
@@ -60,12 +61,17 @@ def _grid(table: Table) -> Grid:
         if metric.counted:
             grid.add_column("wrong", justify="right", no_wrap=True)
     for row in (*table.rows, *table.means):
-        for i, (method, columns) in enumerate(table.methods.items()):
+        asked = {
+            column.method: column.label
+            for column, cell in zip(table.columns, row.cells, strict=True)
+            if cell.measured is not None or cell.reason not in ("", NOT_ASKED)
+        }
+        for i, (method, label) in enumerate(asked.items()):
             cells = zip(table.columns, row.cells, strict=True)
             shown = {column.metric.shown: cell for column, cell in cells if column.method == method}
             line = [text for name, metric in metrics.items() for text in _texts(metric, shown.get(name), compared)]
-            last = i == len(table.methods) - 1
-            grid.add_row(Text("" if i else row.label), Text(columns[0].label), *line, end_section=last)
+            last = i == len(asked) - 1
+            grid.add_row(Text("" if i else row.label), Text(label), *line, end_section=last)
     return grid
 
 

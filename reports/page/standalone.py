@@ -11,7 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.reports.figures.page_data import Blobs
+from nrsfm.reports.figures.page_data import Blobs, deflated
 from nrsfm.reports.figures.style import COLOURS
 from nrsfm.reports.formats.documents import HTML
 
@@ -29,7 +29,7 @@ def render_page(name: str, data: dict[str, Any], blobs: Blobs, **context: Any) -
     return HTML.get_template(f"{name}.html.j2").render(
         page=True,
         data=script_json({**data, "blobs": blobs.held, "colours": COLOURS}),
-        library=Markup(plotly()),
+        library=Markup(deflated(plotly().encode())),
         script=Markup("\n").join(map(_script, ("player.js", f"{name}.js"))),
         **context,
     )

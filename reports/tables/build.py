@@ -21,7 +21,7 @@ from nrsfm.reports.layouts.layout import Layout, Method
 from nrsfm.reports.layouts.literature import LABELS
 from nrsfm.reports.layouts.table_metrics import DISTANCES, MEANS, TableMetric
 from nrsfm.reports.tables.grid import Grid, RowKey, grid, repeats
-from nrsfm.reports.tables.model import Cell, Column, Printed, Row, Run, Setting, Table, Verdict
+from nrsfm.reports.tables.model import NOT_ASKED, Cell, Column, Printed, Row, Run, Setting, Table, Verdict
 from nrsfm.reports.tables.overall import COLUMNS, overall
 from nrsfm.reports.tables.remarks import remarks
 from nrsfm.reports.tables.significance import paired_tests
@@ -123,7 +123,7 @@ def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: 
     published = None if metric.distance else design.printed(key.dataset, method, metric)
     blank = Cell(published=published, stand_in=key.stand_in, digits=metric.digits)
     if not answers:
-        return replace(blank, reason="not asked")
+        return replace(blank, reason=NOT_ASKED)
     groups = repeats(answers, pooled=pool is not None)
     group = groups[0]
     runs = [run for _, run in group if run is not None]

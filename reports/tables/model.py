@@ -31,6 +31,9 @@ class Verdict(StrEnum):
         return {"reproduced": "✓", "better": "↓", "worse": "↑", "stand-in": "◇"}.get(self, "○")
 
 
+NOT_ASKED = "not asked"
+"""The reason of a cell that no trial was asked for."""
+
 LEGEND = ", ".join(f"{v.symbol} {v.text}" for v in Verdict)
 
 

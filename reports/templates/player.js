@@ -1,7 +1,7 @@
 "use strict";
 /** Tools of every page: elements, arrays, plots and the player of a 3D view, from a page's data. */
 const nrsfmTools = (data) => {
-  const plain = { displaylogo: false, responsive: true };
+  const plain = { displayModeBar: false, responsive: true };
 
   // ---- small helpers -------------------------------------------------------------------------------------------
   /** An element; text always goes in as text. */
@@ -15,17 +15,36 @@ const nrsfmTools = (data) => {
     return element;
   }
 
-  const unpacked = new Map();
-  /** An array by name: its shape and numbers. */
-  function array(name) {
-    if (!unpacked.has(name)) {
-      const { kind, shape, scale, data: text } = data.blobs[name];
-      const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      const values = Float32Array.from(kind === "int16" ? new Int16Array(bytes.buffer) : bytes, (v) => (v === -32768 ? NaN : v * scale));
-      unpacked.set(name, { shape, values });
-    }
-    return unpacked.get(name);
+  /** The bytes of a deflated text. */
+  function inflate(text) {
+    if (!("DecompressionStream" in window)) throw new Error("plots need a browser of 2023 or later");
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
   }
+
+  const unpacked = new Map();
+  /** An array by name that {@link ready} has unpacked: its shape and numbers. */
+  const array = (name) => unpacked.get(name);
+  async function unpack(name) {
+    if (unpacked.has(name)) return;
+    const { kind, shape, scale, data: text } = data.blobs[name];
+    const bytes = new Uint8Array(await inflate(text));
+    if (kind === "uint8") return unpacked.set(name, { shape, values: Float32Array.from(bytes, (v) => v * scale) });
+    const n = bytes.length / 2, row = n / shape[0], whole = new Int16Array(n);
+    for (let i = 0; i < n; i++) whole[i] = (bytes[n + i] << 8) + bytes[i] + (i < row ? 0 : whole[i - row]);
+    return unpacked.set(name, { shape, values: Float32Array.from(whole, (v) => (v === -32768 ? NaN : v * scale)) });
+  }
+
+  let library = null;
+  /** Plotly is read when something is to be drawn, and once. */
+  async function plotly() {
+    const code = new TextDecoder().decode(await inflate(document.getElementById("nrsfm-plotly").textContent));
+    document.head.append(make("script", { text: code }));
+  }
+  /** Wait for plotly, and for the arrays of these names; absent names are passed over. */
+  const ready = (...names) => Promise.all([(library ??= plotly()), ...names.filter(Boolean).map(unpack)]);
+  /** The names of a run's arrays. */
+  const arrays = (run) => [run.view?.found, run.view?.truth, run.affinity?.matrix];
 
   /** What a colour of the style sheet is under the present theme. */
   function colour(name) {
@@ -133,7 +152,7 @@ const nrsfmTools = (data) => {
     slider.addEventListener("input", () => { stop(); show(Number(slider.value)); });
     const start = () => Plotly.newPlot(box, traces, layout({
       margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: "h", y: 0 }, uirevision: "kept",
-      scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", camera: { eye: view.eye ?? { x: 1.5, y: -0.9, z: 0.5 } },
+      scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", camera: { eye: view.eye ?? { x: 1.9, y: -1.1, z: 0.5 } },
                aspectratio: { x: (1.6 * size[0]) / most, y: (1.6 * size[1]) / most, z: (1.6 * size[2]) / most } },
     }), plain).then(() => show(0));
     /** Upside down without a mirror: what images measure downwards stands up. */
@@ -164,7 +183,7 @@ const nrsfmTools = (data) => {
     const { objective, ...residuals } = run.curves ?? {};
     if (Object.keys(residuals).length)
       found.push(line("Residuals", Object.fromEntries(Object.entries(residuals).map(([k, v]) => [k.replace("residual_", ""), v])), { ...iteration, yaxis: { type: "log", exponentformat: "power" } }));
-    if (objective) found.push(line("Objective", { objective }, iteration));
+    if (objective) found.push(line("Objective (may rise while the penalty grows)", { objective }, iteration));
     if (run.affinity) {
       const box = make("div", { class: "plot", role: "img", "aria-label": "affinity" });
       found.push({ box, start: () => {
@@ -189,5 +208,5 @@ const nrsfmTools = (data) => {
   /** Plots are drawn one after the other. */
   const inOrder = (starts) => starts.reduce((before, start) => before.then(start), Promise.resolve());
 
-  return { heat, inOrder, layout, listen, make, plain, player, plots, shade };
+  return { arrays, heat, inOrder, layout, listen, make, plain, player, plots, ready, shade };
 };

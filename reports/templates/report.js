@@ -2,13 +2,14 @@
 (() => {
   const data = JSON.parse(document.getElementById("nrsfm-data").textContent);
   const dialog = document.getElementById("run");
-  const { heat, inOrder, layout, listen, make, plain, player, plots, shade } = nrsfmTools(data);
+  const { arrays, heat, inOrder, layout, listen, make, plain, player, plots, ready, shade } = nrsfmTools(data);
 
   // ---- charts --------------------------------------------------------------------------------------------------
   /** Each panel is a plot of its own; one legend serves all of them. */
-  function draw(element) {
-    for (const plot of element.querySelectorAll(".js-plotly-plot")) Plotly.purge(plot);
+  async function draw(element) {
     const chart = data.charts[element.dataset.chart];
+    await ready(...chart.panels.map((panel) => panel.matrix));
+    for (const plot of element.querySelectorAll(".js-plotly-plot")) Plotly.purge(plot);
     const looks = new Map(chart.panels.flatMap((panel) => panel.series.map((series) => [series.label, series.look])));
     const panels = chart.panels.map((panel) => {
       const box = make("div", { class: panel.matrix ? "panel square" : "panel" });
@@ -44,7 +45,8 @@
   const facts = (title, entries) => make("section", {}, make("h3", { text: title }),
     make("dl", {}, ...Object.entries(entries).flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: value })])));
 
-  function open(keys, chosen = keys[0]) {
+  /** Show a run; `cell` says what stands in the table: its place and number, and its verdict. */
+  async function open(keys, chosen = keys[0], cell = []) {
     close();
     const run = data.runs[chosen];
     if (!run) return;
@@ -54,34 +56,45 @@
     if (keys.length > 1) {
       const pick = make("select", { "aria-label": "run" }, ...keys.map((key, i) => make("option", { value: key, text: `run ${i + 1} of ${keys.length}` })));
       pick.value = chosen;
-      pick.addEventListener("change", () => open(keys, pick.value));
+      pick.addEventListener("change", () => open(keys, pick.value, cell));
       head.append(pick);
     }
     head.append(shut);
     const said = [run.setting, `status ${run.status}`];
     if (run.stand_in) said.push("procedural stand-in");
     for (const [name, value] of Object.entries(run.sizes)) if (value !== null) said.push(`${value} ${name}`);
-    const body = make("div", {}, make("p", { class: "caption", text: said.join(", ") }));
+    const body = make("div", {}, ...cell.map((text) => make("p", { class: "cell", text })), make("p", { class: "caption", text: said.join(", ") }));
     if (run.error) body.append(make("p", { class: "error", text: run.error }));
-    const starts = [];
-    if (run.view) {
-      playing = player(run);
-      body.append(playing.element);
-      starts.push(playing.start);
-    }
-    const grid = make("div", { class: "plots" });
-    for (const { box, start } of plots(run)) { grid.append(box); starts.push(start); }
-    body.append(grid);
+    const named = Object.entries(run.metrics ?? {}).map(([name, value]) => [data.names[name] ? `${data.names[name]} (${name})` : name, value]);
+    const drawn = make("div", {}, make("p", { class: "caption", text: "Reading the plots …" }));
+    const metrics = facts("Metrics", Object.fromEntries(named));
+    metrics.classList.add("metrics");
+    body.append(metrics, drawn);
     const cost = {};
     if (run.seconds !== undefined) cost["time"] = `${run.seconds.toFixed(1)} s`;
     if (run.peak_mb !== undefined) cost["memory"] = `${run.peak_mb.toFixed(0)} MB`;
     const identity = { trial: chosen, run: run.run ?? "–", finished: run.finished ?? "–", ...cost };
     const where = facts("Trial", identity);
     if (run.link) where.append(make("a", { href: run.link, text: "open in the tracker", rel: "noreferrer" }));
-    body.append(make("div", { class: "facts" }, facts("Metrics", run.metrics ?? {}), facts("Parameters", run.parameters ?? {}), facts("Versions", run.versions ?? {}), where));
+    body.append(make("div", { class: "facts" }, facts("Parameters", run.parameters ?? {}), facts("Versions", run.versions ?? {}), where));
     dialog.replaceChildren(head, body);
     if (!dialog.open) dialog.showModal();
     history.replaceState(null, "", `#run=${encodeURIComponent(chosen)}`);
+    try {
+      await ready(...arrays(run));
+    } catch (error) {
+      return drawn.replaceChildren(make("p", { class: "error", text: error.message }));
+    }
+    if (!drawn.isConnected) return;  // another run was opened meanwhile
+    const starts = [], grid = make("div", { class: "plots" });
+    drawn.replaceChildren(grid);
+    if (run.view) {
+      playing = player(run);
+      grid.before(playing.element);
+      playing.element.querySelector("[autofocus]").focus();  // the dialog has been opened before
+      starts.push(playing.start);
+    }
+    for (const { box, start } of plots(run)) { grid.append(box); starts.push(start); }
     inOrder(starts);
   }
 
@@ -113,10 +126,24 @@
     body.append(...rows.sort(order), ...means);
   }
 
+  /** Hide the columns of methods that are not ticked. */
+  function choose(ticks) {
+    const table = ticks.parentElement.querySelector("table.grid");
+    for (const box of ticks.querySelectorAll("input"))
+      for (const cell of table.querySelectorAll(`[data-method="${box.dataset.method}"]`)) cell.hidden = !box.checked;
+  }
+  for (const ticks of document.querySelectorAll(".ticks")) {
+    ticks.addEventListener("change", () => choose(ticks));
+    ticks.querySelector(".all").addEventListener("click", () => { ticks.querySelectorAll("input").forEach((box) => { box.checked = true; }); choose(ticks); });
+    choose(ticks);
+  }
+
   document.addEventListener("click", (event) => {
     const button = event.target.closest("button");
     if (button?.classList.contains("sort")) sort(button);
-    if (button?.classList.contains("open")) open(button.dataset.runs.split(" ").filter((key) => key in data.runs));
+    if (!button?.classList.contains("open")) return;
+    const cell = button.closest("td.cell"), keys = button.dataset.runs.split(" ").filter((key) => key in data.runs);
+    open(keys, keys[0], cell ? [button.getAttribute("aria-label").replace("; open the run", ""), cell.title.split("\n")[0]] : []);
   });
 
   // ---- theme, figures, address ---------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Makes the moving picture of the README: two dancers, from their tracks, by this project's method."""
+"""Makes the moving picture of the README: the package's two dancers, from their tracks, by this project's method."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from nrsfm.harness.config.compose import data_folder
 from nrsfm.harness.config.spans import expand
 
 
-def main(path: Path, take: str = "salsa_04", frames: int = 200) -> None:
-    """Write the GIF; the take is looked for in the data folder."""
-    ((trial, _),) = expand(["dataset=two_person", f"dataset.take={take}", f"dataset.frames={frames}"])
+def main(path: Path) -> None:
+    """Write the GIF."""
+    ((trial, _),) = expand(["dataset=dancers"])
     solve(load_scene(trial.dataset, data_folder()), n_bodies=2).animate(path)
 
 

@@ -57,8 +57,8 @@ def test_a_stream_that_goes_on_behind_its_array(tmp_path: Path) -> None:
 
 
 def test_a_field_that_is_there_twice(tmp_path: Path) -> None:
-    assert "field S is there twice" in complaint(tmp_path / "a.mat", files.mat5(ONE, ONE))
-    assert "field S is there twice" in complaint(tmp_path / "a.mat", files.mat4({"S": np.ones((1, 2))}) * 2)
+    assert "field S is stored twice" in complaint(tmp_path / "a.mat", files.mat5(ONE, ONE))
+    assert "field S is stored twice" in complaint(tmp_path / "a.mat", files.mat4({"S": np.ones((1, 2))}) * 2)
 
 
 @pytest.mark.parametrize("shape", [(0, 2**31 - 1, 2**31 - 1, 2**31 - 1), (2**31 - 1,) * 8, (-1, 2)])

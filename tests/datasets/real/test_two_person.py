@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -15,7 +15,10 @@ from nrsfm.datasets.body import Array, centre, spread, upright
 from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.public import catalogue as sources
 from nrsfm.datasets.readers.npzfile import read_npz
-from nrsfm.datasets.real.two_person import FIRST
+from nrsfm.datasets.real import two_person
+from nrsfm.datasets.real.two_person import FIRST, SHIPPED
+from nrsfm.harness.evaluate.metric_type import needed
+from tests.datasets.real import make_dancers
 
 F, J = 20, 6
 NAMES = ["hip", "chest", "rHand", "rThumb1", "rIndex1", "head"]
@@ -157,7 +160,7 @@ def test_archives_that_numpy_does_not_write(tmp_path: Path, compression: int) ->
     with pytest.warns(UserWarning, match="Duplicate"), zipfile.ZipFile(tmp_path / "a.npz", "w") as stream:
         stream.writestr("a.npy", content)
         stream.writestr("a.npy", content)
-    with pytest.raises(DatasetError, match="is there twice"):
+    with pytest.raises(DatasetError, match="is stored twice"):
         read_npz(tmp_path / "a.npz")
 
 
@@ -199,3 +202,33 @@ def test_real_takes(data_folder: Path, take: str) -> None:
     body = scene.structure[:, :, :27].std(axis=2).mean()
     assert 0 < hips.min() < 3 * body and hips.mean() < 6 * body
     assert scene.structure[:, 2, 4].mean() > scene.structure[:, 2, 20].mean()  # heads are above feet
+
+
+class TestShipped:
+    """The two dancers that come with the package."""
+
+    SETTINGS: ClassVar[dict[str, Any]] = SETTINGS | {"name": "dancers", "take": SHIPPED}
+
+    def test_they_need_no_data_folder(self, tmp_path: Path) -> None:
+        scene = registry.load_scene(self.SETTINGS, tmp_path / "nowhere")
+        assert scene.bodies == ("lead60", "follow61")
+        assert (scene.n_frames, scene.n_points, len(needed(scene.edges))) == (309, 54, 52)
+
+    def test_their_bones_keep_their_length(self, tmp_path: Path) -> None:
+        scene = registry.load_scene(self.SETTINGS, tmp_path)
+        start, end = needed(scene.edges).T
+        lengths = np.linalg.norm(needed(scene.structure)[..., start] - needed(scene.structure)[..., end], axis=1)
+        assert (lengths.std(axis=0) < 0.03 * lengths.max()).all()
+
+    def test_they_are_small_and_their_terms_stand_beside(self) -> None:
+        file = two_person.path(Path("nowhere"), SHIPPED)
+        assert file.stat().st_size <= 400_000
+        assert "mocap.cs.cmu.edu" in file.with_suffix(".txt").read_text(encoding="utf-8")
+
+    @pytest.mark.data
+    def test_they_are_what_their_maker_makes_of_the_take(self, data_folder: Path, tmp_path: Path) -> None:
+        make_dancers.main(two_person.path(data_folder, "salsa_04"), tmp_path / "made.npz")
+        made, shipped = (read_npz(file) for file in (tmp_path / "made.npz", two_person.path(data_folder, SHIPPED)))
+        assert made.keys() == shipped.keys()
+        for name, values in made.items():
+            np.testing.assert_array_equal(values, shipped[name])

@@ -39,7 +39,7 @@ def test_a_good_installation_can_be_used(nrsfm: Shell, tmp_path: Path) -> None:
     done = nrsfm("doctor")
     assert done.returncode == 0, done.stdout
     lines = done.stdout.splitlines()
-    assert lines[-1].startswith("the harness can be used")
+    assert lines[-1].startswith("nrsfm can be used")
     for topic in ("python", "libraries", "threads", "memory", "output", "data", "extras", "store", "trial"):
         assert any(line[8:].startswith(topic) for line in lines), topic
     assert "1 run, journal mode wal, writable" in done.stdout

@@ -153,3 +153,11 @@ def test_report_of_nothing_says_so_and_still_writes(nrsfm: Shell, tmp_path: Path
     assert done.returncode == 2
     assert "64 trials are not run yet" in done.stderr
     assert "not run" in (tmp_path / "out/report/table1.md").read_text()
+
+
+def test_a_part_of_an_experiment_is_no_baseline(nrsfm: Shell, grid: str, tmp_path: Path) -> None:
+    path = tmp_path / "part.json"
+    done = nrsfm("bless", str(path), "--reason", "a part", "experiment=quick", "noise.level=0,0.5", NRSFM_OUTPUT=grid)
+    assert done.returncode == 3
+    assert "run the others first" in done.stderr
+    assert not path.exists()

@@ -89,7 +89,7 @@ def test_two_bodies_are_told_apart(
     assert ("e_3D" in said) == (write is not to_csv)
     if write is not to_csv:
         assert float(said["e_3D"].split()[0]) < 0.12
-    folder = tmp_path / "out/solve/tracks"
+    folder = tmp_path / "out/solve/tracks.npz"
     assert names(folder) == NAMES
     assert not list(folder.parent.glob(".*"))  # nothing half
 
@@ -105,7 +105,7 @@ def test_a_table_of_other_names_stands_upright(scene: Scene, tmp_path: Path, nrs
     done = nrsfm("solve", "pixels.csv", "--bodies", "2", "--method", "bmm_ssc3d", *columns)
     assert done.returncode == 0, done.stderr
     assert "not used: column note" in done.stdout and "y points down, as in images" in done.stdout
-    with np.load(tmp_path / "out/solve/pixels/reconstruction.npz") as stored:
+    with np.load(tmp_path / "out/solve/pixels.csv/reconstruction.npz") as stored:
         image = stored["cameras"] @ stored["structure"]
         assert stored["frame_ids"][10] == "img_10.png"
     np.testing.assert_allclose(image, 80 * scene.tracks, atol=0.1 * 80)

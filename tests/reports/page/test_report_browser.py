@@ -60,9 +60,11 @@ def test_a_cell_opens_its_run_and_the_player_plays(shown: Shown) -> None:
     page.keyboard.press("Enter")  # no mouse needed
     page.wait_for_selector("dialog[open]")
     assert "dance_yoga, bmm_ssc3d" in page.inner_text("dialog h2")
-    facts = page.inner_text("dialog .facts")
-    assert "e_3d_dai" in facts
-    assert "trial" in facts
+    assert "e_3D (e_3d_dai)" in page.inner_text("dialog .metrics")
+    assert "trial" in page.inner_text("dialog .facts")
+    place, verdict = page.locator("dialog p.cell").all_inner_texts()
+    assert place.startswith("Dance + Yoga, BMM + SSC(3D), e_3D: ")
+    assert verdict.startswith("published 0.0456: ")
     first, before = shown.frame(), shown.scene()
     page.keyboard.press(" ")  # the play button has the focus
     shown.until(lambda: shown.frame() > first + 2)
@@ -72,6 +74,7 @@ def test_a_cell_opens_its_run_and_the_player_plays(shown: Shown) -> None:
     held = shown.frame()
     page.wait_for_timeout(400)
     assert shown.frame() == held
+    assert not page.locator("dialog .modebar").count()
     page.keyboard.press("ArrowRight")
     shown.until(lambda: shown.frame() == min(held + 1, 39))
     names = page.evaluate("document.querySelector('dialog .view').data.map(t => t.name)")
@@ -117,6 +120,28 @@ def test_columns_sort_both_ways_with_means_and_empty_cells_last(shown: Shown) ->
     assert page.evaluate("document.querySelector('#table1 .grid tbody tr:last-child').className") == "mean"
     page.locator("#table1 .grid button.sort[data-column='3']").click()  # ours: one failed, the others not run
     assert shown.troubles == []
+
+
+def test_plotly_is_read_when_it_is_needed(shown: Shown) -> None:
+    assert shown.page.evaluate("typeof Plotly") == "undefined"
+    shown.page.locator("#table2 .grid button.open").first.click()
+    shown.frame()
+    assert shown.page.evaluate("typeof Plotly") == "object"
+
+
+def test_columns_are_ticked(browser: Any, tmp_path: Path) -> None:
+    table1 = full(("ssc2d", "ssc2d_share70", "edsc", "ours"), structure=False)
+    Report({"table1": table1}).write(tmp_path)
+    page = Shown(browser, tmp_path / "index.html", viewport={"width": 1200, "height": 800}).page
+    heads = page.locator("#table1 .grid thead th[colspan]:visible")
+    assert heads.all_inner_texts() == ["SSC(2D)", "EDSC", "Ours"]
+    page.get_by_role("checkbox", name="SSC(2D), share .7").check()
+    assert heads.all_inner_texts()[1] == "SSC(2D), share .7"
+    page.get_by_role("checkbox", name="Ours").uncheck()
+    assert "Ours" not in heads.all_inner_texts()
+    page.get_by_role("button", name="All columns").click()
+    assert page.locator("#table1 .grid tbody tr").first.locator("td:visible").count() == len(heads.all())
+    page.context.close()
 
 
 def test_an_address_opens_a_run(browser: Any, report: Path, shown: Shown) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
@@ -49,8 +50,12 @@ def tracked(name: str, method: str = "ours", **more: Any) -> Tracked:
 
 
 def unpack(blob: dict[str, Any]) -> NDArray[Any]:
-    values = np.frombuffer(base64.b64decode(blob["data"]), "<i2" if blob["kind"] == "int16" else "u1")
-    return np.asarray(values.reshape(blob["shape"]) * blob["scale"])
+    stored = np.frombuffer(zlib.decompress(base64.b64decode(blob["data"])), np.uint8)
+    if blob["kind"] == "uint8":
+        return np.asarray(stored.reshape(blob["shape"]) * blob["scale"])
+    low, high = stored.reshape(2, -1).astype(np.uint16)
+    steps = (256 * high + low).view(np.int16).reshape(blob["shape"])
+    return np.asarray(np.cumsum(steps, axis=0, dtype=np.int16) * blob["scale"])
 
 
 def embedded(text: str) -> dict[str, Any]:
@@ -146,6 +151,19 @@ class TestPage:
         assert len(sentences) == 3
         for said in ("1607.04515", *sentences):
             assert text.index(said) < text.index('id="claims"') < text.index('id="table1"')
+
+    def test_the_scene_of_the_paper_s_method_is_pictured(
+        self, answer: Callable[..., Any], arrays: dict[str, NDArray[Any]]
+    ) -> None:
+        two = [answer("dance_yoga", method, 2, e_3d=0.03, n_points=30) for method in ("ssc2d", "ours")]
+        for answers, fetch, pictured in ((two, lambda _: arrays, True), (two[:1], lambda _: arrays, False)):
+            text = Report({"table1": answers}, fetch).texts()["index.html"]
+            found = re.search(r'<img src="data:image/png;base64,([^"]*)".*?<figcaption>([^:]*)', text, re.DOTALL)
+            assert (found is not None) == pictured
+            if found:
+                assert base64.b64decode(found[1]).startswith(b"\x89PNG")
+                assert found[2] == "dance + yoga"
+        assert "<img" not in Report({"table1": two}).texts()["index.html"].replace(plotly(), "")  # no arrays
 
     def test_no_text_leaves_the_data(self, answer: Callable[..., Any]) -> None:
         evil = "</script><script>alert(1)</script><!-- <b>&amp;"

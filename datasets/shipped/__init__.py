@@ -1,0 +1,1 @@
+"""Real data that come with the package; ``dancers.txt`` names their source and terms."""
