@@ -25,7 +25,7 @@ REACH = 3
 #: Frames around an observation, of its own track, whose residuals and steps say what is usual.
 WINDOW = 25
 #: An outlier, or a jump, is off by more than so many usual residuals and so many usual steps from frame to frame.
-OUTLIER, JUMP = (8.0, 0.5), (10.0, 1.5)
+OUTLIER, JUMP = (8.0, 0.5), (10.0, 2.0)
 #: Residuals are never usual below this, in parts of the median distance of points from the middle.
 LEAST = 1e-3
 #: Rounds of reweighting, of finding single outliers, and of finding jumps.
