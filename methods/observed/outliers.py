@@ -106,7 +106,7 @@ def _weights(second: Array, good: Mask) -> Array:
     """Weights (F, P) that fall with the second smallest distance, in units of three times the frame's median."""
     r = np.where(good, second, np.inf)
     usual = np.median(r, axis=1, keepdims=True)
-    usual = np.where(np.isfinite(usual), np.maximum(usual, np.finfo(float).tiny), 1)
+    usual = np.where(np.isfinite(usual), np.maximum(usual, LEAST), 1)
     return np.asarray((1 + (r / (3 * usual)) ** 2) ** -2)
 
 
@@ -115,7 +115,7 @@ def _cuts(D: Array, good: Mask, step: Array) -> Mask:
 
     A prediction from both sides feels its share of a jump; distances are divided by that.
     """
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         here = np.where(BEFORE > 0, D / BEFORE, np.inf).min(axis=0)
         there = np.where(BEFORE < 1, D / (1 - BEFORE), np.inf).min(axis=0)
     places = np.arange(len(good))[:, None]
