@@ -238,7 +238,7 @@ class Solution:
         Raises
         ------
         UsageError
-            If the method gives no structure.
+            If the no structure to compare.
         """
         from nrsfm.reports.figures.animation import animate
 
