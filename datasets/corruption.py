@@ -51,7 +51,8 @@ def corrupt(
         rng = np.random.default_rng(seed(f"{scene}|jumps", jumps, repeat))
         for p in rng.permutation(P)[: round(jumps * P)]:
             start, target = rng.integers(F // 2, max(3 * F // 4, F // 2 + 1)), (p + rng.integers(1, P)) % P
-            W[start:, :, p] = np.where(np.isnan(tracks[start:, :, target]), W[start:, :, p], tracks[start:, :, target])
+            mine, other = tracks[start:, :, p], tracks[start:, :, target]
+            W[start:, :, p] = np.where(np.isnan(mine + other), mine, other)
     if zoom:
         W *= zoom_factors(F, zoom, zooming, seed(f"{scene}|{zooming} zoom", zoom, repeat))[:, None, None]
     if outliers:
