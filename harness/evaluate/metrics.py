@@ -69,12 +69,26 @@ def brief(values: Mapping[str, float], n_points: int | None) -> list[str]:
 def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
     """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed.
 
-    NaN where the reconstruction has no structure or no cameras.
+    Where the tracks were cleaned, it is that of the cleaned ones, in units of the tracks at scale 1. NaN where the
+    reconstruction has no structure or no cameras.
     """
     if found.structure is None or found.cameras is None:
         return float("nan")
-    off = centre(centre(scene.tracks) - found.cameras @ found.structure)
+    off = image_residuals(scene, found)
     return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+
+def tracks_of(scene: Scene, found: Reconstruction) -> Array:
+    """(F, 2, P) tracks that the method was given: the cleaned ones, where they were cleaned."""
+    return scene.tracks if found.cleaned is None else found.cleaned.tracks
+
+
+def image_residuals(scene: Scene, found: Reconstruction) -> Array:
+    """W - R S - t 1', (F, 2, P), t the best translation of each frame; NaN where tracks are not visible.
+
+    The reconstruction has structure and cameras.
+    """
+    return centre(centre(tracks_of(scene, found)) - needed(found.cameras) @ needed(found.structure))
 
 
 def e_3d(estimate: Array, truth: Array) -> float:
@@ -178,8 +192,8 @@ def _by_body(estimate: Estimate) -> dict[int, float]:
 
 
 def _reprojection(estimate: Estimate) -> float:
-    W, S = centre(estimate.scene.tracks), needed(estimate.found.structure)
-    return float(_norm(centre(W - needed(estimate.found.cameras) @ S)) / _norm(W))
+    tracks = tracks_of(estimate.scene, estimate.found)
+    return float(_norm(image_residuals(estimate.scene, estimate.found)) / _norm(centre(tracks)))
 
 
 def _rotation(estimate: Estimate) -> float:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,12 +16,15 @@ from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.memory import Size, refusal
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction, stage
+from nrsfm.methods.base import Array, Cleaned, Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
+from nrsfm.methods.observed.cleaning import at_one_scale, without_outliers
 from nrsfm.methods.structure.rotation import estimate_cameras
 
 #: Times by which a structure may be wider than the tracks.
 WIDEST = 100.0
+#: Observations as they are.
+AS_GIVEN: Mapping[str, bool] = MappingProxyType({"robust": False, "scale": False})
 
 
 def reconstruct(
@@ -26,6 +32,7 @@ def reconstruct(
     method: Method,
     n_bodies: int | None,
     cameras: Mapping[str, Any],
+    observations: Mapping[str, bool] = AS_GIVEN,
     *,
     memory_gb: float = float("inf"),
     progress: Progress | None = None,
@@ -39,6 +46,10 @@ def reconstruct(
     cameras : mapping
         ``source``, ``known`` or ``estimated``; for the latter ``rank``, ``start`` and ``refine`` as
         :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them.
+    observations : mapping
+        ``robust``: whether outliers become missing observations. ``scale``: whether each frame's scale is taken out of
+        the tracks, for which cameras are needed, whatever the method. See
+        :class:`nrsfm.methods.base.Cleaned`.
     memory_gb : float
         A method that is forecast to need more is not started.
     progress : callable, optional
@@ -54,20 +65,32 @@ def reconstruct(
     if reason := refusal(method, Size.of(scene), memory_gb):
         raise UsageError(reason)
     base.check_gap_handling(method, scene.visible)
+    cleaned = Cleaned(scene.tracks, scene.visible)
+    if observations["robust"]:
+        stage(progress, "outliers")
+        cleaned = without_outliers(cleaned)
+    whole = cache(lambda: complete(cleaned.tracks, cleaned.visible))
     R = None
-    if method.uses_cameras and cameras["source"] == "known":
+    if method.uses_cameras or observations["scale"]:
         R = scene.cameras
-        if R is None:
+        if cameras["source"] != "known":
+            stage(progress, "cameras")
+            options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
+            R = estimate_cameras(whole(), **options)
+        elif R is None:
             raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
-    elif method.uses_cameras:
-        stage(progress, "cameras")
-        options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
-        R = estimate_cameras(complete(scene.tracks, scene.visible), **options)
+    given = cleaned
+    if observations["scale"] and R is not None:
+        stage(progress, "scale")
+        given = at_one_scale(cleaned, whole(), R)
     stage(progress, "method")
-    observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
-    reconstruction = method.reconstruct(observations, n_bodies)
-    check(reconstruction, method.provides, scene.tracks)
-    return reconstruction
+    tracks, visible = given.tracks, given.visible
+    if visible is not None and not method.handles_gaps:
+        tracks, visible = complete(tracks, visible), None
+    R = R if method.uses_cameras else None
+    found = method.reconstruct(Observations(tracks, R, visible, scene.edges, progress), n_bodies)
+    check(found, method.provides, scene.tracks)
+    return replace(found, cleaned=given) if any(observations.values()) else found
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], tracks: Array) -> None:

@@ -78,7 +78,8 @@ def solve(
     rank : int, optional
         K, the number of basis shapes for the estimation of cameras; see ``conf/cameras/estimated.yaml``.
     overrides : sequence of str
-        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``.
+        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``;
+        ``observations.robust=false`` and ``observations.scale=false`` leave outliers and zoom in the tracks.
     progress : callable, optional
         Called after every iteration, see :data:`nrsfm.methods.base.Progress`. Its method ``stage``, if it has one, is
         called with the name of each stage.
@@ -101,7 +102,7 @@ def solve(
     known = cameras == "known" or (cameras == AUTO and scene.cameras is not None)
     if known and scene.cameras is None:
         raise UsageError("there are no cameras in the file; leave 'known' out to have them estimated")
-    words = [f"cameras={'known' if known else 'estimated'}", *overrides]
+    words = [f"cameras={'known' if known else 'estimated'}", "observations=cleaned", *overrides]
     if rank is not None and not known:
         words.append(f"cameras.rank={rank}")
     if isinstance(method, str):
@@ -117,7 +118,9 @@ def solve(
     start = time.perf_counter()
     with threadpool_limits(int(config["threads"])):  # more threads are slower on small arrays
         limit = float(config["limits"]["memory_gb"])
-        found = reconstruct(scene, solver, n_bodies, config["cameras"], memory_gb=limit, progress=progress)
+        found = reconstruct(
+            scene, solver, n_bodies, config["cameras"], config["observations"], memory_gb=limit, progress=progress
+        )
     source = FROM_FILE if known else f"the tracks, K = {config['cameras'].get('rank')}"
     return Solution(
         scene=scene,

@@ -15,7 +15,7 @@ from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.registry import digest, load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
-from nrsfm.harness.evaluate.reconstruct import reconstruct
+from nrsfm.harness.evaluate.reconstruct import AS_GIVEN, reconstruct
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.fault import place_of
 from nrsfm.harness.record.folder import ARRAYS, TRACEBACK, pack, write_atomically, write_record
@@ -82,11 +82,15 @@ def compute(
     n_bodies = _n_bodies(trial, scene)
     repeat = trial.noise["repeat"]
     noisy = scene.with_noise(trial.noise["level"], repeat)
+    if trial.corruption:
+        noisy = noisy.with_corruption(repeat, **trial.corruption)
     if trial.gaps:
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
-    solution = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
+    solution = reconstruct(
+        noisy, method, n_bodies, trial.cameras, trial.observations or AS_GIVEN, memory_gb=memory_gb, progress=progress
+    )
     stage(progress, "metrics")
     auto = n_bodies is None
     if auto and solution.labels is not None:
@@ -97,6 +101,8 @@ def compute(
     parts = {name: getattr(solution, name) for name in ("structure", "labels", "affinity", "cameras")}
     parts |= {"tracks": noisy.tracks, "visible": noisy.visible}
     parts |= {"true_structure": scene.structure, "true_labels": scene.labels, "edges": scene.edges}
+    if solution.cleaned is not None:
+        parts |= {"scales": solution.cleaned.scales, "outliers": solution.cleaned.outliers}
     parts |= metrics.by_frame(noisy, solution, known_cameras=known)
     return outcome, pack(parts) | {f"history_{name}": values for name, values in solution.history.items()}
 

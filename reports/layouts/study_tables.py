@@ -187,6 +187,20 @@ STUDY_TABLES: Mapping[str, Layout] = {
         parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_3D_HIDDEN, metrics.E_MS)),
         notes=(notes.HIDDEN, notes.ADAPTIVE),
     ),
+    "cleaning": Layout(
+        title="Outliers, jumps and zoom",
+        caption="The eight pairs with corrupted tracks, which the methods get as they are or cleaned: means over the "
+        "pairs.",
+        methods=tuple(
+            Method(name, where={"observations.robust": robust}, label=f"{label}, {words}")
+            for name, label in (("adaptive", "adaptive"), ("bmm_ssc3d_share70", "BMM+SSC(3D), share .7"))
+            for robust, words in ((None, "as given"), (True, "cleaned"))
+        ),
+        metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_MS)),
+        notes=(notes.ADAPTIVE,),
+    ),
     "count_bodies": Layout(
         title="How many bodies",
         caption="Share of scenes whose number of bodies a method gets wrong, and of wrong tracks, when it has to "

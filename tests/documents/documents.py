@@ -205,6 +205,7 @@ RULES = (
     Rule(r"nrsfm run experiment=noise .*dataset=.*", "method=edsc noise.level=0.02"),
     Rule(r"nrsfm run experiment=noise method=.*", "dataset=face_yoga noise.level=0.02 noise.repeat=0"),
     Rule(r"nrsfm run experiment=noise", "dataset=face_yoga noise.level=0.02 noise.repeat=0 method=edsc,adaptive"),
+    Rule(r"nrsfm run experiment=cleaning", "dataset=face_yoga corruption=outliers_05 method=bmm_ssc3d_share70"),
     Rule(r"nrsfm run experiment=gaps", "dataset=face_yoga gaps.share=0.1 method=edsc"),
     Rule(r"nrsfm run experiment=(hopkins155|count_hopkins155)", "dataset.scene=1R2RC", data=True),
     Rule(r"nrsfm run experiment=table[12] .*", "dataset=face_yoga"),
