@@ -21,7 +21,7 @@ import numpy as np
 
 from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Array, Reconstruction
+from nrsfm.methods.base import Array, Cleaned, Reconstruction
 from nrsfm.methods.numerics.linear import axes
 from nrsfm.methods.structure.rotation import orthonormality
 from nrsfm.methods.structure.uncertainty import deviations
@@ -34,6 +34,9 @@ GOOD, UNDETERMINED = 0.2, 0.5
 SMALL_TURN, CIRCLE = 30.0, float(np.rad2deg(np.sqrt(12) * np.pi / 4))
 #: Spread of depth over that of an image axis outside of which the structure is said to be flat or deep.
 FLAT, DEEP = 0.3, 3.0
+
+#: Share of outliers from which they are mentioned.
+MANY = 0.01
 
 VERDICTS = ("good", "doubtful", "not determined")
 
@@ -58,6 +61,10 @@ class Trust:
         Name of the track of the largest one.
     estimated : bool
         Whether the cameras were estimated.
+    outliers : float
+        Share of the observations that were taken for missing as they fit no motion.
+    zoom : float
+        Largest over smallest image scale that was taken out, 1 for none.
     """
 
     expected: float
@@ -69,6 +76,8 @@ class Trust:
     tracks: Array
     worst: str
     estimated: bool
+    outliers: float = 0.0
+    zoom: float = 1.0
 
     @property
     def verdict(self) -> str:
@@ -96,7 +105,8 @@ class Trust:
     def record(self) -> dict[str, Any]:
         """Verdict, reasons, figures and tracks as plain data."""
         rounded = [float(f"{error:.4g}") for error in self.tracks]
-        return {"verdict": self.verdict, "reasons": self.reasons, **self.figures, "tracks": rounded}
+        cleaned = {"outliers": self.outliers, "zoom": self.zoom}
+        return {"verdict": self.verdict, "reasons": self.reasons, **self.figures, **cleaned, "tracks": rounded}
 
     def _reasons(self) -> Iterator[str]:
         yield f"expect an error of {self.expected:.2g} of the scene's spread"
@@ -113,6 +123,10 @@ class Trust:
                 "cameras": "the cameras estimated from the tracks contradict each other",
                 "images": "many observations fit no moving points: look for outliers, another layout or another scale",
             }[main]
+        if self.outliers > MANY:
+            yield f"{self.outliers:.1%} of the observations fit no motion and were left out"
+        if self.zoom > 1:
+            yield f"the image scale changes {self.zoom:.2g}-fold, which was taken out"
         if not FLAT < self.depth_ratio < DEEP:
             yield f"the structure is {self.depth_ratio:.2g} times as deep as it is wide"
         if self.expected < UNDETERMINED and float(self.tracks.max()) > 3 * float(np.median(self.tracks)):
@@ -131,10 +145,11 @@ def trust(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> Trust 
     """
     if found.structure is None or found.cameras is None:
         return None
-    R, S, W = found.cameras, centre(found.structure), centre(scene.tracks)
+    given = found.cleaned or Cleaned(scene.tracks, scene.visible)
+    R, S, W = found.cameras, centre(found.structure), centre(given.tracks)
     spread = float(np.nanstd(W, axis=2).mean())
     off = centre(W - R @ S)
-    deviation = deviations(S, R, scene.visible).mean(axis=0)
+    deviation = deviations(S, R, given.visible).mean(axis=0)
     turn = camera_turn(R)
     lack = CIRCLE / max(turn, 1e-3)
     depth = DEPTH * (float(deviation.mean()) / spread * lack) ** POWER
@@ -155,6 +170,8 @@ def trust(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> Trust 
         tracks=tracks,
         worst=scene.track_ids[worst] if scene.track_ids else str(worst),
         estimated=not known_cameras,
+        outliers=0.0 if given.outliers is None else float(given.outliers.mean()),
+        zoom=1.0 if given.scales is None else float(given.scales.max() / given.scales.min()),
     )
 
 
