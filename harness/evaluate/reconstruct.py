@@ -14,6 +14,7 @@ from nrsfm.harness.record.errors import UsageError
 from nrsfm.methods import base
 from nrsfm.methods.base import Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
+from nrsfm.methods.structure.refinement import refine_cameras
 from nrsfm.methods.structure.rotation import estimate_cameras
 
 
@@ -33,8 +34,9 @@ def reconstruct(
     n_bodies : int or None
         None lets the method estimate it.
     cameras : mapping
-        ``source``, ``known`` or ``estimated``; for the latter ``rank``, ``start`` and ``refine`` as
-        :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them.
+        ``source``, ``known``, ``estimated`` or ``refined``; for the latter two ``rank``, ``start`` and ``refine`` as
+        :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them, for the last also ``turning``,
+        ``smoothing``, ``noise`` and ``iterations`` of :func:`nrsfm.methods.structure.refinement.refine_cameras`.
     memory_gb : float
         A method that is forecast to need more is not started.
     progress : callable, optional
@@ -57,13 +59,20 @@ def reconstruct(
             raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     elif method.uses_cameras:
         stage(progress, "cameras")
-        options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
-        R = estimate_cameras(complete(scene.tracks, scene.visible), **options)
+        tracks = complete(scene.tracks, scene.visible)
+        R = estimate_cameras(tracks, **_named(cameras, "rank", "start", "refine"))
+        if cameras["source"] == "refined":
+            stage(progress, "cameras and structure")
+            R = refine_cameras(tracks, R, **_named(cameras, "turning", "smoothing", "noise", "iterations")).cameras
     stage(progress, "method")
     observations = Observations(scene.tracks, R, scene.visible, scene.edges, progress)
     reconstruction = method.reconstruct(observations, n_bodies)
     check(reconstruction, method.provides, scene.tracks.shape)
     return reconstruction
+
+
+def _named(settings: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: settings[name] for name in names if name in settings}
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], shape: tuple[int, ...]) -> None:

@@ -1,6 +1,6 @@
 """Cameras and structure of one objective: cameras that turn smoothly, before structure that moves smoothly.
 
-    min over R, S   l |L S#|_* + 1/2 |W - R S|^2 + P u^4/2 sum_f |D_{f+1} - D_f|^2,   D_f = Q_f'Q_{f+1}
+    min over R, S   l2 |L S#|_* + 1/2 |W - R S|^2 + P u^4/2 sum_f |D_{f+1} - D_f|^2,   D_f = Q_f'Q_{f+1}
 
 L is that of :mod:`nrsfm.methods.structure.smooth_bmm` with t frames. Q_f is camera R_f completed to a rotation and D_f
 its turn to the next frame, so that uniform turning is free, and u frames are about what is left of the tracks' say
@@ -49,7 +49,7 @@ class Objective:
 
     W: Array  # centred tracks, (F, 2, P)
     cameras: Array  # (F, 2, 3)
-    l: float  # weight of the nuclear norm
+    l2: float  # weight of the nuclear norm
     turning: float = TURNING  # u
     smoothing: float = SMOOTHING  # t
 
@@ -68,15 +68,15 @@ class Objective:
         M = (R[:, :, None, :] * V[:, None, :, None]).reshape(2 * F, -1)  # W is M B with B (3r, P)
         W = self.W.reshape(2 * F, P)
         gram = M.T @ M
-        gram[np.diag_indices(len(gram))] += self.l
+        gram[np.diag_indices(len(gram))] += self.l2
         B = scipy.linalg.solve(gram, M.T @ W, assume_a="pos", check_finite=False)
         E = W - M @ B
         turn, by_turn = unsteadiness(axes(R))
         weight = 0.5 * P * self.turning**4
-        value = 0.5 * self.l * float(np.sum(A**2) + np.sum(B**2)) + 0.5 * float(np.sum(E**2)) + weight * turn
+        value = 0.5 * self.l2 * float(np.sum(A**2) + np.sum(B**2)) + 0.5 * float(np.sum(E**2)) + weight * turn
         by_M = -(E @ B.T).reshape(F, 2, -1, 3)
         by_R = np.einsum("firk,fr->fik", by_M, V)
-        by_A = inverse.T @ np.einsum("firk,fik->fr", by_M, R) + self.l * A
+        by_A = inverse.T @ np.einsum("firk,fik->fr", by_M, R) + self.l2 * A
         by_w = axial(R.transpose(0, 2, 1) @ by_R) + weight * by_turn
         return value, np.einsum("fji,fj->fi", turns_of(w), by_w), by_A
 
@@ -88,12 +88,12 @@ def refine_cameras(
     turning: float = TURNING,
     smoothing: float = SMOOTHING,
     noise: float = NOISE,
-    max_iter: int = 200,
+    iterations: int = 200,
 ) -> Refinement:
     """The module's program, by limited-memory BFGS from given cameras and the structure that :func:`fit_smooth` gives.
 
     Unknowns are the cosines of w and A, each in the size that its term of the objective leaves to it. An iteration
-    costs O(F r (P + r)). The weight is l = 2 ``noise`` (sqrt(F) + sqrt(3P)), of which noise stays below.
+    costs O(F r (P + r)). The weight is l2 = 2 ``noise`` (sqrt(F) + sqrt(3P)), of which noise stays below.
 
     Parameters
     ----------
@@ -103,21 +103,24 @@ def refine_cameras(
         u and t, in frames.
     noise : float
         In parts of the tracks' spread.
+    iterations : int
+        At most.
 
     Raises
     ------
     MethodError
-        If a setting is not positive, or there are fewer than three frames.
+        If a setting is not a number, or not positive.
     """
-    for name, value in (("turning", turning), ("noise", noise)):
-        if not value > 0:
+    settings = {"turning": turning, "smoothing": smoothing, "noise": noise, "iterations": iterations}
+    for name, value in settings.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
             raise MethodError(f"cameras.{name} is {value!r}, wanted a number > 0")
     W = standardise(tracks).W
     F, _, P = W.shape
-    l = 2 * noise * (np.sqrt(F) + np.sqrt(3 * P))
-    objective = Objective(W, cameras, l, turning, smoothing)
+    l2 = 2 * noise * (np.sqrt(F) + np.sqrt(3 * P))
+    objective = Objective(W, cameras, l2, turning, smoothing)
     T, d = objective.frequencies()
-    S = fit_smooth(W, Smoothness(cameras, smoothing), l, tol=1e-3).structure.reshape(F, -1)
+    S = fit_smooth(W, Smoothness(cameras, smoothing), l2, tol=1e-3).structure.reshape(F, -1)
     U, s, _ = np.linalg.svd(np.sqrt((1 + smoothing**2 * d) / (1 + smoothing**2))[:, None] * (T.T @ S))
     A = U[:, :RANK] * np.sqrt(s[:RANK])
     sizes = STEP / np.sqrt(1 + turning**4 * d**2)
@@ -140,13 +143,13 @@ def refine_cameras(
         jac=True,
         method="L-BFGS-B",
         callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
-        options={"maxiter": max_iter, "maxcor": 30},
+        options={"maxiter": iterations, "maxcor": 30},
     )
     return Refinement(cameras @ rotations(unpack(found.x)[0]), np.array(history))
 
 
 def unsteadiness(Q: Array) -> tuple[float, Array]:
-    """Sum of |D_{f+1} - D_f|^2 for (F, 3, 3) rotations, and its gradient by w (F, 3) where Q_f turns to Q_f exp(w_f)."""
+    """Sum of |D_{f+1} - D_f|^2 for (F, 3, 3) rotations Q_f exp([w_f]), and its gradient by w (F, 3) at w = 0."""
     D = Q[:-1].transpose(0, 2, 1) @ Q[1:]
     change = np.diff(D, axis=0)
     by_D = np.zeros_like(D)
