@@ -1,4 +1,4 @@
-"""The verb ``data``: list, fetch, check and locate the public data."""
+"""The verb ``data``: list, fetch, check and locate the public data, and write tracks to try."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.public import catalogue as sources
@@ -31,7 +32,7 @@ def main(argv: Sequence[str]) -> int:
     options = command_line().read(argv)
     from nrsfm.harness.config.compose import data_folder
 
-    act = {"list": _list, "get": _get, "verify": _verify, "where": _where}[options.verb]
+    act = {"list": _list, "get": _get, "verify": _verify, "where": _where, "example": _example}[options.verb]
     try:
         return act(data_folder(), options)
     except KeyboardInterrupt:
@@ -92,8 +93,7 @@ def _get(folder: Path, options: argparse.Namespace) -> int:
         return OK
     n = sum(map(len, failed.values()))
     return _say(
-        f"{n} of {len(results)} files could not be had; where a motion-capture sequence is absent the procedural "
-        "scenes stand in, and are labelled so",
+        f"{n} of {len(results)} files could not be had; 'nrsfm run experiment=dancers' needs none",
         FAILED,
     )
 
@@ -146,8 +146,30 @@ def _where(folder: Path, options: argparse.Namespace) -> int:
     return OK
 
 
+def _example(folder: Path, options: argparse.Namespace) -> int:
+    """Write the tracks of the package's two dancers, with the truth and the cameras, as a file for 'nrsfm solve'."""
+    import numpy as np
+
+    from nrsfm.datasets.registry import load_scene
+    from nrsfm.harness.config.spans import expand
+
+    path: Path = options.file
+    if path.exists():
+        raise UsageError(f"{path} is there already; remove it or name another file")
+    ((trial, _),) = expand(["dataset=dancers"])
+    scene = load_scene(trial.dataset, folder)
+    arrays: dict[str, Any] = {name: getattr(scene, name) for name in ("tracks", "structure", "labels", "cameras")}
+    try:
+        np.savez_compressed(path, **arrays)
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from None
+    print(f"{path}: {scene.n_points} tracks of two dancers over {scene.n_frames} frames, the cameras and the truth")
+    print(f"Try: nrsfm solve {path} --bodies 2")
+    return OK
+
+
 def command_line() -> Parser:
-    """The parser, with one for each of its four verbs."""
+    """The parser, with one for each of its five verbs."""
     parser = Parser(
         "nrsfm data",
         "List, fetch and check the public data, and say where it is kept.",
@@ -157,12 +179,12 @@ nrsfm data get  # fetch what the paper's tables need and is absent
 nrsfm data get hopkins155  # the 155 motion segmentation scenes (27 MB)
 nrsfm data get drink shark  # the files of two sequences
 nrsfm data verify  # check the files against their SHA-256
-NRSFM_DATA=~/nrsfm nrsfm data where""",
+NRSFM_DATA=~/nrsfm nrsfm data where
+nrsfm data example  # tracks of two dancers in dancers.npz, to try 'nrsfm solve' on""",
         "exit codes: 0 fine, 2 a file is missing or wrong, 3 wrong usage\n"
-        "The folder is NRSFM_DATA where that is set. Without any files the procedural scenes stand in for the real\n"
-        "sequences, and every page says so.",
+        "The folder is NRSFM_DATA where that is set. 'nrsfm run experiment=dancers' needs no files.",
     )
-    verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where}", required=True)
+    verbs = parser.add_subparsers(dest="verb", metavar="{list,get,verify,where,example}", required=True)
     names = "a group (mocap, hopkins155, c3d), a file (mocap/drink.mat, drink) or a sequence (shark); {} by default"
     for verb, text in (
         ("list", "every file: state, size, terms, source"),
@@ -177,6 +199,11 @@ NRSFM_DATA=~/nrsfm nrsfm data where""",
         parsed.add_words("names", _files, nargs="*", metavar="NAME", help=names.format(default))
     text = "print the data folder, and whether it comes from NRSFM_DATA"
     verbs.add_parser("where", help=text, description=text)
+    text = "write tracks of two dancers, with the truth, to try 'nrsfm solve' on"
+    example = verbs.add_parser("example", help=text, description=text)
+    example.add_argument(
+        "file", nargs="?", type=Path, default=Path("dancers.npz"), metavar="FILE", help="dancers.npz by default"
+    )
     return parser
 
 

@@ -240,7 +240,7 @@ RULES = (
     Rule(r"nrsfm doctor" + ANY, codes=(0, 2)),  # it finds what a machine lacks
     Rule(r'eval "\$\(nrsfm completion bash\)"'),
     Rule(r"nrsfm list" + ANY, quick=True),
-    Rule(r"nrsfm data (list|where)", quick=True),
+    Rule(r"nrsfm data (list|where|example)", quick=True),
     Rule(r"nrsfm data verify", codes=(0, 2)),
     Rule(r"nrsfm sync"),
     Rule(r"nrsfm new .* --package .*", quick=True),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from nrsfm import load
 from tests.shell import TINY, Shell
 
 
@@ -100,3 +101,17 @@ def test_hydra_flags_work(nrsfm: Shell) -> None:
     done = nrsfm("run", "--cfg", "job", "method=adaptive", "method.l1=0.5")
     assert done.returncode == 0
     assert "l1: 0.5" in done.stdout
+
+
+def test_an_example_is_written_once_and_read_back(nrsfm: Shell, tmp_path: Path) -> None:
+    file = tmp_path / "two.npz"
+    done = nrsfm("data", "example", str(file))
+    assert done.returncode == 0, done.stderr
+    assert f"nrsfm solve {file} --bodies 2" in done.stdout
+    scene = load(file)
+    assert (scene.n_frames, scene.n_points, scene.n_bodies) == (309, 54, 2)
+    assert scene.structure is not None and scene.cameras is not None
+    np.testing.assert_allclose(scene.cameras @ scene.structure, scene.tracks, atol=1e-9)
+    again = nrsfm("data", "example", str(file))
+    assert again.returncode == 3
+    assert "is there already" in again.stderr
