@@ -120,7 +120,8 @@ def solve(
     with threadpool_limits(int(config["threads"])):  # more threads are slower on small arrays
         limit = float(config["limits"]["memory_gb"])
         found = reconstruct(scene, solver, n_bodies, config["cameras"], memory_gb=limit, progress=progress)
-    origin = FROM_FILE if known else f"the tracks, K = {config['cameras'].get('rank')}"
+    estimated = f"the tracks, K = {config['cameras'].get('rank')}{', refined' * (source == 'refined')}"
+    origin = FROM_FILE if known else estimated
     return Solution(
         scene=scene,
         found=found if solver.uses_cameras else replace(found, cameras=None),
