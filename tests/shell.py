@@ -31,6 +31,8 @@ class Naughty(Method):
         tracks, progress = observations.tracks, observations.progress
         if self.how == "raise":
             raise RuntimeError("the method\\nraised <b>this</b>")
+        if self.how == "login":
+            raise RuntimeError("the password is " + os.environ.get("MLFLOW_TRACKING_PASSWORD", "not known here"))
         if self.how == "hang":
             time.sleep(600)
         if self.how == "kill":

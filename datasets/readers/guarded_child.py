@@ -150,7 +150,8 @@ def mat73(path: str, room: int, *names: str) -> dict[str, Any]:
                 arrays[f"={name}"] = np.zeros((0, 0))
                 continue
             kind = stored[name].partition(" ")[0]
-            if kind not in NUMERIC or value.dtype.kind not in "fiu" or "MATLAB_sparse" in value.attrs:
+            is_matlabs = "MATLAB_class" in value.attrs
+            if (is_matlabs and kind not in NUMERIC) or value.dtype.kind not in "fiu" or "MATLAB_sparse" in value.attrs:
                 raise Unwanted(f"field {name} is of type {kind}, wanted numbers")
             arrays[f"={name}"] = _hdf5_numbers(name, value, room).T  # MATLAB's order of dimensions
             room -= arrays[f"={name}"].nbytes

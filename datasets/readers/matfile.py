@@ -1,5 +1,8 @@
 """MATLAB files of versions 4, 5 and 7.3: numeric fields, with one clear line about a file that cannot be used.
 
+HDF5 files of other programs that end in .mat are read as well, their arrays as they are: MATLAB alone stores the
+dimensions in the opposite order.
+
 scipy.io and h5py do the reading. Files from strangers are read in a guarded process
 (:mod:`nrsfm.datasets.readers.guarded`), which takes about 0.3 s. Files of the catalogue, known by their SHA-256, are
 read in this process.
@@ -25,6 +28,7 @@ from nrsfm.datasets.readers.guarded_child import Unwanted
 from nrsfm.datasets.readers.limits import allowance, reason
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+OCTAVE = (b"# Created by Octave", b"Octave-1-")  # its format of text, and its binary one
 
 
 def read_mat(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
@@ -80,13 +84,15 @@ def _is_known(path: Path) -> bool:
 
 
 def _kind(path: Path) -> str:
-    """``mat73`` if the HDF5 signature is at the start or behind MATLAB's head of 512 bytes, else ``mat``."""
+    """The reader: ``mat73`` behind MATLAB's head of 512 bytes, ``h5`` for HDF5 of another program, else ``mat``."""
     with path.open("rb") as stream:
         head = stream.read(520)
+    if head.startswith(OCTAVE):
+        raise DatasetError(f"{path} is in a format of Octave's own; save it there with: save -v7 {path.name} ...")
     if HDF5_SIGNATURE not in (head[512:], head[:8]):
         return "mat"
     if importlib.util.find_spec("h5py") is None:
         raise DatasetError(
             f"{path} is a MATLAB 7.3 file; install h5py to read it (pip install 'nrsfm[mat73]'), or save it with -v7"
         )
-    return "mat73"
+    return "h5" if head.startswith(HDF5_SIGNATURE) else "mat73"

@@ -15,7 +15,7 @@ from typing import Any
 import argcomplete
 from argcomplete.completers import FilesCompleter
 
-from nrsfm.harness.cli.parser import Parser
+from nrsfm.harness.cli.parser import Parser, adding
 from nrsfm.harness.cli.verbs import VERBS, module
 
 SHELLS = ("bash", "zsh", "fish")
@@ -65,7 +65,7 @@ def _all_verbs() -> Parser:
     return parser
 
 
-def _words(prefix: str, action: Action, parser: Parser, **_: object) -> Mapping[str, str]:
+def _words(prefix: str, action: Action, parser: Parser, parsed_args: Namespace, **_: object) -> Mapping[str, str]:
     """The words that an argument takes."""
     words = parser.offers.get(action.dest, lambda: dict.fromkeys(map(str, action.choices or ()), ""))()
     if action.dest != parser.overrides:
@@ -73,7 +73,9 @@ def _words(prefix: str, action: Action, parser: Parser, **_: object) -> Mapping[
     from nrsfm.harness.cli.overrides import complete  # loads Hydra
 
     before = argcomplete.split_line(os.environ["COMP_LINE"])[3]
-    overrides = complete([word for word in before if "=" in word or word.startswith("~")], prefix)
+    given = [word for word in before if "=" in word or word.startswith("~")]
+    folder: Path | None = getattr(parsed_args, "config_dir", None)
+    overrides = complete([*given, *([adding(folder)] if folder else [])], prefix)
     return {**words, **{word: text for word, text in overrides.items() if word.startswith(parser.only)}}
 
 

@@ -35,7 +35,7 @@ def complete(before: Sequence[str], word: str) -> dict[str, str]:
     if path is not None:
         paths = sorted(DefaultCompletionPlugin.complete_files(path))
         return {f"{name}{each}{'/' if Path(each).is_dir() else ''}": "" for each in paths}
-    with configurations():
+    with configurations(before):
         for usable in (list(before), []):
             try:
                 words = _engine_words(usable, word)

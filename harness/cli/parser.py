@@ -7,8 +7,10 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
+from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.text import printable
 
 #: Gives the words that complete an argument, each with an explanation.
@@ -54,6 +56,8 @@ class Parser(argparse.ArgumentParser):
         """Add Hydra overrides, completed with those that begin as ``only`` says; ``name`` may take other words too."""
         text = f"a choice (method=adaptive) or a value (noise.level=0.02) as for 'nrsfm run'{more}"
         self.add_argument(name, nargs="*", metavar=metavar, help=text)
+        text = "add the files of a tree like conf/, as hydra.searchpath does"
+        self.add_argument("-cd", "--config-dir", type=Path, metavar="FOLDER", help=text)
         self.overrides, self.only = name, only
 
     def error(self, message: str) -> NoReturn:
@@ -65,11 +69,25 @@ class Parser(argparse.ArgumentParser):
         if self._subparsers is not None:  # argparse mixes no words into those
             return self.parse_args(list(argv))
         options = self.parse_intermixed_args(list(argv))
-        if self.overrides and getattr(options, "config_dir", None) is None:  # such a folder adds choices
+        if self.overrides:
             from nrsfm.harness.config.plugins import check_choices
 
-            check_choices(getattr(options, self.overrides))
+            words = getattr(options, self.overrides)
+            if options.config_dir is not None:
+                if any(word.startswith("hydra.searchpath=") for word in words):
+                    raise UsageError("--config-dir is hydra.searchpath for one folder; name all in hydra.searchpath")
+                words.append(adding(options.config_dir))
+            check_choices(words)
         return options
+
+
+def adding(folder: Path) -> str:
+    """The override that adds a folder of configurations; UsageError if there is none."""
+    if not folder.is_dir():
+        raise UsageError(f"--config-dir {folder}: there is no such folder")
+    from nrsfm.harness.config.compose import quoted
+
+    return f"hydra.searchpath=[{quoted(f'file://{folder.resolve()}')}]"
 
 
 def _aligned(examples: Sequence[str], longest: int = 56) -> list[str]:

@@ -46,9 +46,7 @@ def _table(plan: Plan) -> Table:
 
     table = _grid("trial", "state", "time", "memory", "disk")
     for item in plan.trials:
-        table.add_row(
-            Text(printable(item.trial.title)), Text(item.state), *_numbers([item]), Text(printable(item.words))
-        )
+        table.add_row(Text(printable(item.title)), Text(item.state), *_numbers([item]), Text(printable(item.words)))
     return table
 
 
@@ -143,7 +141,7 @@ def _row(item: Planned) -> dict[str, Any]:
     forecast = item.forecast
     row = {
         "key": item.key,
-        "title": item.trial.title,
+        "title": item.title,
         "dataset": item.trial.dataset["name"],
         "method": item.trial.method["name"],
         "state": item.state,

@@ -28,14 +28,15 @@ def main(argv: Sequence[str]) -> int:
     options = command_line().read(argv)
     from nrsfm.harness.config.plugins import check_choices
 
+    overrides = [word for word in options.words if "=" in word]
     names = [word for word in options.words if "=" not in word] or list(REPORTED)
-    check_choices(f"experiment={name}" for name in names)
+    check_choices([*overrides, *(f"experiment={name}" for name in names)])
     from nrsfm.harness.record.outcome import ABSENT, OK
     from nrsfm.reports.claims import claims
     from nrsfm.reports.formats.console import console
     from nrsfm.reports.formats.embed import update_document
 
-    report, settings = gather(names, [word for word in options.words if "=" in word])
+    report, settings = gather(names, overrides)
     folder = options.folder or settings.output / "report"
     report.write(folder)
     if options.into:
@@ -82,7 +83,7 @@ def gather(names: Sequence[str], overrides: Sequence[str] = ()) -> tuple[Report,
 
     by_experiment: dict[str, Sequence[Answer]] = {}
     runs: Runs | None = None
-    with configurations():
+    with configurations(overrides):
         for name in names:
             request = Request.of([f"experiment={name}", *overrides])
             by_experiment[name], runs = answers(request, runs)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nrsfm.harness.cli.parser import Parser
@@ -34,8 +33,7 @@ def main(argv: Sequence[str]) -> int:
         return _show(options)
     from nrsfm.harness.config.spans import Request
 
-    search = [f"hydra.searchpath=[file://{options.config_dir.resolve()}]"] if options.config_dir else []
-    request = Request.of([*options.overrides, *search])
+    request = Request.of(options.overrides)
     if options.run and len(request.trials) > 1:
         raise UsageError(f"--run is for one trial and the overrides span {len(request.trials)}; leave it out")
     from nrsfm.harness.record.outcome import OK
@@ -60,8 +58,6 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError("--experimental-rerun runs a pickled job; 'nrsfm run ... rerun=all' runs trials again")
     if options.shell_completion:
         raise UsageError("'nrsfm completion bash' prints the completion of bash, zsh or fish")
-    if options.config_dir and not options.config_dir.is_dir():
-        raise UsageError(f"--config-dir {options.config_dir}: there is no such folder")
     if options.run and options.multirun:
         raise UsageError("--run is for one trial, --multirun for a sweep; give one of them")
     shown = [flag for flag in ("cfg", "info", "hydra_help", "version") if getattr(options, flag)]
@@ -85,9 +81,9 @@ def _show(options: argparse.Namespace) -> int:
     from nrsfm.harness.sweep.launcher import call_hydra
 
     words = [] if options.hydra_help else list(options.overrides)
-    for flag in ("cfg", "info", "package", "config_dir"):
+    for flag in ("cfg", "info", "package"):
         if (value := getattr(options, flag)) is not None:
-            words += [f"--{flag.replace('_', '-')}", str(value)]
+            words += [f"--{flag}", str(value)]
     words += [f"--{flag.replace('_', '-')}" for flag in ("hydra_help", "version", "resolve") if getattr(options, flag)]
     with hydra_errors(), redirect_stdout(StringIO()) as output:
         code = call_hydra(words)
@@ -165,7 +161,6 @@ nrsfm run --cfg job method=edsc  # the configuration, and nothing runs""",
     parser.add_argument("--resolve", action="store_true", help="with --cfg: put values in the place of ${...}")
     text = f"show what Hydra found of {', '.join(INFO)}, and run nothing"
     parser.add_argument("-i", "--info", nargs="?", const="all", choices=INFO, metavar="PART", help=text)
-    parser.add_argument("-cd", "--config-dir", type=Path, metavar="FOLDER", help="add the files of a tree like conf/")
     parser.add_argument("-r", "--run", action="store_true", help="one trial; overrides that span a sweep are refused")
     parser.add_argument("--version", action="store_true", help="Hydra's version")
     parser.add_argument("--hydra-help", action="store_true", help="Hydra's own help")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from nrsfm.datasets.readers.trackfile import Asked
 
 Y = (AUTO, "down", "up")
-ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=")
+ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=", "hydra.searchpath=")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -46,7 +46,7 @@ def _solve(options: argparse.Namespace) -> int:
     from nrsfm.harness.config.plugins import check_choices
 
     n_bodies = _number(options.bodies)
-    check_choices([f"method={options.method}"])
+    check_choices([f"method={options.method}", *options.overrides])
     asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
     scene = load_tracks(options.file.expanduser(), asked=asked)  # faults are found before anything slow is loaded
     from nrsfm.harness.config.settings import settings_of
@@ -54,7 +54,7 @@ def _solve(options: argparse.Namespace) -> int:
     from nrsfm.harness.solving.solve import solve
     from nrsfm.methods.base import MethodError
 
-    settings = settings_of([f"method={options.method}"])
+    settings = settings_of([f"method={options.method}", *options.overrides])
     folder = (options.out or settings.output / "solve" / options.file.name).expanduser()
     check_folder(folder)
     arguments = {

@@ -1,10 +1,12 @@
-"""What a command needs of the process that it runs in: signs that the terminal can print, and short temporary paths."""
+"""What a command needs of its process: signs that the terminal can print, short temporary paths, a home."""
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import io
 import os
+import shutil
 import sys
 import tempfile
 import traceback
@@ -36,7 +38,10 @@ LONGEST = 70
 
 
 def prepare() -> None:
-    """Let standard output and error print any text, and keep temporary paths short; children inherit the folder."""
+    """Let standard output and error print any text, keep temporary paths short, and have a home; children inherit both.
+
+    A user whom the system does not know, as in a container, has no home, and MLflow does not load without one.
+    """
     codecs.register_error("nrsfm", _stand_in)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -45,6 +50,11 @@ def prepare() -> None:
         shorter = [name for name in ("/tmp", "/var/tmp") if os.access(name, os.W_OK)]
         if shorter:
             os.environ["TMPDIR"] = tempfile.tempdir = shorter[0]
+    try:
+        Path.home()
+    except RuntimeError:
+        os.environ["HOME"] = tempfile.mkdtemp(prefix="nrsfm-home-")
+        atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
 
 
 def keep_traceback() -> Path:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import threading
+from contextlib import suppress
 
 from nrsfm.harness.cli.parser import Parser
+
+PATIENCE = 5.0  # seconds in which the interface must end
 
 
 def main(argv: list[str]) -> int:
@@ -20,11 +26,33 @@ def main(argv: list[str]) -> int:
     if is_server(tracker.uri):
         print(tracker.uri)
         return 0
-    _ = tracker.client  # creates a store that is missing
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", tracker.uri]
+    # MLflow's first page is that of its other half, which is for language models
+    place = f"http://{options.host}:{options.port}/#/experiments/{tracker.experiment}?workflowType=machine_learning"
+    command = [sys.executable, "-m", "mlflow", "server", *tracker.served, "--workers", "1"]
     command += ["--host", options.host, "--port", str(options.port)]
-    print(f"http://{options.host}:{options.port} shows {tracker.uri}; Ctrl-C stops it", flush=True)
-    return subprocess.call(command)
+    print(f"{place} shows {tracker.uri}; Ctrl-C stops it", flush=True)
+    return _until_stopped(command)
+
+
+def _until_stopped(command: list[str]) -> int:
+    """Run a command with all that it starts, until it ends or this process is told to end; returns its exit code.
+
+    The signal is noted alone: raised amid the start, an exception would leave behind what was started.
+    """
+    from nrsfm.harness.trial.signals import on_signals
+
+    told = threading.Event()
+    with on_signals(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, do=lambda *_: told.set()):
+        child = subprocess.Popen(command, start_new_session=True)
+        while child.poll() is None and not told.wait(0.2):
+            pass
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            with suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                os.killpg(child.pid, number)
+                child.wait(PATIENCE)
+    if told.is_set():
+        raise KeyboardInterrupt
+    return child.wait()
 
 
 def command_line() -> Parser:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from urllib.parse import unquote
 
 from nrsfm.harness.record.errors import UsageError
 
 USER, PASSWORD = "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"  # as MLflow reads them
 SECRETS = (USER, PASSWORD, "MLFLOW_TRACKING_TOKEN", "MLFLOW_TRACKING_URI")
+SQLITE = "sqlite:///"
 _SERVER = re.compile(r"https?://[^/\s]+")
 _VARIABLE = r"\$\{oc\.env:\w+(,null)?\}"
 _LOGIN_BY_VARIABLE = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):{_VARIABLE}@[^@]*")
@@ -18,6 +20,19 @@ _LOGIN_BY_VARIABLE = re.compile(rf"{_VARIABLE}[^@]*|\w+://({_VARIABLE}|[^:@$]+):
 def is_server(uri: str) -> bool:
     """Whether an address is that of a server, not of a file."""
     return _SERVER.match(uri) is not None
+
+
+def file_of(uri: str) -> Path | None:
+    """The file of a SQLite store, None for a server: what follows ``sqlite:///`` is a path, whatever signs it has."""
+    return Path(uri.removeprefix(SQLITE)) if uri.startswith(SQLITE) else None
+
+
+def for_mlflow(uri: str) -> str:
+    """The address as MLflow takes it, a file's path escaped; without the driver MLflow makes the escaped folder."""
+    from sqlalchemy.engine import URL
+
+    path = file_of(uri)
+    return uri if path is None else URL.create("sqlite+pysqlite", database=str(path)).render_as_string()
 
 
 def check(written: str, uri: str) -> None:
@@ -35,7 +50,7 @@ def check(written: str, uri: str) -> None:
     """
     if "@" in uri and is_server(uri) and not _LOGIN_BY_VARIABLE.fullmatch(written):
         raise UsageError(f"tracking.uri holds a login; leave it out and set {USER} and {PASSWORD} in the environment")
-    if not (uri.startswith("sqlite:///") or is_server(uri)):
+    if file_of(uri) is None and not is_server(uri):
         raise UsageError(f"tracking.uri is {shown(uri)!r}, wanted sqlite:///FILE, or http://HOST:PORT of a server")
 
 
@@ -50,5 +65,5 @@ def split(uri: str) -> tuple[str, Mapping[str, str]]:
 
 
 def shown(text: str) -> str:
-    """The text with the logins removed from all addresses in it."""
-    return re.sub(r"(?<=://)[^\n]*@", "", text)
+    """The text with the logins removed from all addresses in it; a file's address has none, though an @ perhaps."""
+    return re.sub(r"(?<!sqlite)(://)[^\n]*@", r"\1", text)

@@ -34,31 +34,66 @@ def plain_jobs(jobs: Iterable[Sequence[str]]) -> Iterator[dict[str, Any]]:
     UsageError
         If a job cannot be composed or a value is missing.
     """
-    with configurations():
-        parser, loader = OverridesParser.create(), GlobalHydra.instance().config_loader()
-        parse = cache(lambda word: parser.parse_overrides([word])[0])
-        is_group = cache(lambda key: bool(loader.get_group_options(key)))
-        read: list[tuple[tuple[str, ...], dict[str, str], list[Override]]] = []
+    words = list(jobs)
+    with configurations([word for job in words[:1] for word in job]):
+        read = _Reader()
+        read_jobs = [read(job) for job in words]
         alike: dict[tuple[str, ...], list[Mapping[str, str]]] = {}  # choices of the jobs that share configurations
-        asked: dict[tuple[str, ...], list[str]] = {}  # and what they ask of Hydra besides
-        for job in jobs:
-            overrides: list[Override] = [parse(word) for word in job]
-            choices = {
-                o.key_or_group: str(o.input_line)
-                for o in overrides
-                if is_group(o.key_or_group) and not isinstance(o.value(), dict)
-            }
-            others = [o for o in overrides if o.key_or_group not in choices]
-            tops = {_top(o) for o in others if not _is_value(o)}  # these keys want Hydra, in the order given
-            merged = [str(o.input_line) for o in others if _top(o) in tops]
-            values = [o for o in others if _top(o) not in tops]
-            kind = (*choices, *merged, *(o.key_or_group for o in values))
-            alike.setdefault(kind, []).append(choices)
-            asked[kind] = merged
-            read.append((kind, choices, values))
-        composed = {kind: _Composed(alike[kind], asked[kind]) for kind in alike}
-        for kind, choices, values in read:
-            yield composed[kind].plain(choices, values)
+        for job in read_jobs:
+            alike.setdefault(job.kind, []).append(job.choices)
+        composed = {job.kind: _Composed(alike[job.kind], job.merged) for job in read_jobs}
+        for job in read_jobs:
+            yield composed[job.kind].plain(job.choices, job.values)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A job's overrides, told apart by what Hydra does with them.
+
+    Parameters
+    ----------
+    choices : mapping
+        The overrides ``GROUP=NAME`` by group.
+    merged : sequence of str
+        What else wants Hydra, in the order given: its own keys, choices in other packages, what is added or removed,
+        and all values of the keys that these touch.
+    values : sequence of Override
+        The other ``KEY=VALUE``, each of which replaces what was before.
+    """
+
+    choices: Mapping[str, str]
+    merged: Sequence[str]
+    values: Sequence[Override]
+
+    @cached_property
+    def kind(self) -> tuple[str, ...]:
+        """Jobs of one kind share configurations."""
+        return (*self.choices, *self.merged, *(o.key_or_group for o in self.values))
+
+
+class _Reader:
+    """Tells the overrides of jobs apart."""
+
+    def __init__(self) -> None:
+        loader = GlobalHydra.instance().config_loader()
+        parser = OverridesParser.create(loader)
+        self._parse = cache(lambda word: parser.parse_overrides([word])[0])
+        self._is_group = cache(lambda key: bool(loader.get_group_options(key)))
+
+    def __call__(self, job: Sequence[str]) -> _Job:
+        overrides: list[Override] = [self._parse(word) for word in job]
+        choices = {o.key_or_group: str(o.input_line) for o in overrides if self._is_choice(o)}
+        others = [o for o in overrides if not self._is_choice(o)]
+        tops = {_top(o) for o in others if not self._is_value(o)}
+        merged = [str(o.input_line) for o in others if _top(o) in tops]
+        return _Job(choices, merged, [o for o in others if _top(o) not in tops])
+
+    def _is_choice(self, o: Override) -> bool:
+        return _is_plain(o) and isinstance(o.value(), str) and self._is_group(o.key_or_group)
+
+    def _is_value(self, o: Override) -> bool:
+        """Whether an override replaces the value of a key, whatever it was before."""
+        return _is_plain(o) and not isinstance(o.value(), dict) and not self._is_group(o.key_or_group)
 
 
 class _Composed:
@@ -118,7 +153,11 @@ class _Composed:
     def _sections(self) -> Mapping[str, Any]:
         """The section of each choice as written, of the groups that nothing but their choice touches."""
         touched = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in self._merged}
-        swept = {group: words for group, words in self._choices.items() if len(words) > 1 and group not in touched}
+        swept = {
+            group: words
+            for group, words in self._choices.items()
+            if len(words) > 1 and group not in touched and not any(map(_places_itself, words))
+        }
         keys = {word: f"_{i}" for i, word in enumerate(word for words in swept.values() for word in words)}
         placed = [f"+{word.replace('=', f'@{key}=', 1)}" for word, key in keys.items()]
         kept = [word for group, word in self._first.items() if group not in swept]
@@ -133,6 +172,14 @@ class _Composed:
             return {}
         alone = [g for g in swept if g not in together and sections[self._first[g]] == first[g]]
         return {word: sections[word] for group in alone for word in swept[group]}
+
+
+def _places_itself(choice: str) -> bool:
+    """Whether the file of ``GROUP=NAME`` says where it stands, which need not be under the key GROUP."""
+    path = choice.replace("=", "/", 1)
+    sources = GlobalHydra.instance().config_loader().get_sources()
+    first = next((source for source in sources if source.is_config(path)), None)
+    return first is not None and first.load_config(path).header.get("package") is not None
 
 
 @dataclass
@@ -176,9 +223,10 @@ def _written(cfg: DictConfig) -> dict[str, Any]:
 
 
 def _top(override: Override) -> str:
-    return str(override.key_or_group).partition(".")[0]
+    """The first part of an override's key."""
+    return re.split("[./]", override.key_or_group, maxsplit=1)[0]
 
 
-def _is_value(override: Override) -> bool:
-    """Whether an override replaces the value of a key, whatever it was before."""
-    return override.type is OverrideType.CHANGE and not isinstance(override.value(), dict) and _top(override) != "hydra"
+def _is_plain(o: Override) -> bool:
+    """Whether an override changes a key or a choice of the application, in its own package."""
+    return o.type is OverrideType.CHANGE and o.package is None and _top(o) != "hydra"

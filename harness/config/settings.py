@@ -11,6 +11,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from nrsfm.datasets.real.tracks import title
+from nrsfm.harness.config.address import SQLITE, file_of
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.config.jobs import resolved
 from nrsfm.harness.config.schema import NAME, validated
@@ -129,6 +130,5 @@ def _named(dataset: Mapping[str, Any]) -> dict[str, Any]:
 
 def _absolute(uri: str) -> str:
     """A tracker's address, a SQLite file's path made absolute."""
-    if uri.startswith("sqlite:///"):
-        return f"sqlite:///{Path(uri.removeprefix('sqlite:///')).resolve()}"
-    return uri
+    path = file_of(uri)
+    return uri if path is None else f"{SQLITE}{path.resolve()}"

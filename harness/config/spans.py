@@ -9,9 +9,10 @@ from typing import Any
 
 from hydra import compose
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
+from hydra.core.override_parser.types import ChoiceSweep, Override, QuotedString, RangeSweep
 from omegaconf import DictConfig
 
 from nrsfm.harness.config.compose import configurations
@@ -66,7 +67,7 @@ class Request:
         UsageError
             If a job cannot be composed, has a value that no trial can have, or there are no jobs.
         """
-        with configurations():
+        with configurations(overrides):
             line = _Line.of(overrides)
             if default and not line.names_trials:
                 line = _Line.of([f"experiment={default}", *overrides])
@@ -97,40 +98,52 @@ def expand(overrides: Sequence[str]) -> Sequence[tuple[Trial, Settings]]:
 def spanned(overrides: Sequence[str]) -> list[list[str]]:
     """The jobs that overrides span, each a list of plain overrides.
 
-    The sweep of an experiment is in its ``hydra.sweeper.params``; an override of the same key replaces it.
+    The sweep of an experiment is in its ``hydra.sweeper.params``; an override of the same key replaces it. Each job
+    begins with the overrides of Hydra's own keys.
 
     Raises
     ------
     UsageError
         If an override does not parse, or names an unknown key or choice.
     """
-    with configurations():
+    with configurations(overrides):
         return _Line.of(overrides).jobs()
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Overrides, parsed, with Hydra's configuration for their experiment."""
+    """Overrides, parsed, with Hydra's configuration for them.
+
+    ``own`` are the overrides of Hydra's own keys, which are the same in every job.
+    """
 
     words: Sequence[str]
     parsed: Sequence[Override]
     hydra: DictConfig
-    launching: Sequence[str]
+    own: Sequence[str]
 
     @classmethod
     def of(cls, words: Sequence[str]) -> _Line:
-        parsed = OverridesParser.create().parse_overrides(list(words))
+        loader = GlobalHydra.instance().config_loader()
+        parsed = OverridesParser.create(loader).parse_overrides(list(words))
         for override in parsed:
             if override.key_or_group == "experiment" and override.is_sweep_override():
                 raise UsageError(f"{override.input_line} names several experiments; give one, and run each on its own")
-        own = [o for o in parsed if o.key_or_group == "experiment" or re.match(r"hydra[./]", o.key_or_group)]
-        launching = [str(o.input_line) for o in own if not o.is_sweep_override()]
-        return cls(words, parsed, compose("config", launching, return_hydra_config=True).hydra, launching)
+            if override.is_hydra_override() and override.is_sweep_override():
+                raise UsageError(f"{override.input_line}: Hydra's own keys are the same in all trials; give one value")
+        own = [str(o.input_line) for o in parsed if o.is_hydra_override()]
+        deciding = [str(o.input_line) for o in parsed if _decides(o, loader)]
+        return cls(words, parsed, compose("config", deciding, return_hydra_config=True).hydra, own)
 
     @property
     def experiment(self) -> str | None:
         name = self.hydra.runtime.choices.get("experiment")
         return None if name in (None, "null") else str(name)
+
+    @property
+    def launching(self) -> list[str]:
+        """The overrides that start a worker with the same launcher."""
+        return [*(str(o.input_line) for o in self.parsed if o.key_or_group == "experiment"), *self.own]
 
     @property
     def names_trials(self) -> bool:
@@ -139,17 +152,28 @@ class _Line:
         return chosen or self.experiment is not None
 
     def jobs(self) -> list[list[str]]:
-        """The plain overrides of each job."""
-        keys = {o.key_or_group for o in self.parsed}
-        params = self.hydra.sweeper.params or {}
-        swept = [f"{key}={value}" for key, value in params.items() if key not in keys]
-        overrides = [*OverridesParser.create().parse_overrides(swept), *self.parsed]
-        _check_number(overrides)
-        for override in overrides:
+        """The overrides of each job, in the order in which Hydra's own sweeper makes them."""
+        params = [f"{key}={value}" for key, value in (self.hydra.sweeper.params or {}).items()]
+        task = [str(o.input_line) for o in self.parsed if not o.is_hydra_override()]
+        overrides = OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*params, *task])
+        last = {o.get_key_element(): o for o in overrides}.values()
+        _check_number(last)
+        for override in last:
             if override.is_sweep_override():
                 _check_choices(override)
         batches: list[list[list[str]]] = BasicSweeper.split_arguments(overrides, None)
-        return [job for batch in batches for job in batch]
+        return [[*self.own, *job] for batch in batches for job in batch]
+
+
+def _decides(override: Override, loader: ConfigLoader) -> bool:
+    """Whether an override can decide the sweep and the launcher: an experiment, Hydra's own key, or a value at the top.
+
+    The values of a group may be of a choice that is swept, and cannot be set yet.
+    """
+    key = override.key_or_group
+    if key == "experiment" or override.is_hydra_override():
+        return True
+    return not (override.is_sweep_override() or loader.get_group_options(re.split("[./]", key, maxsplit=1)[0]))
 
 
 def _check_number(overrides: Iterable[Override]) -> None:
@@ -169,6 +193,7 @@ def _check_number(overrides: Iterable[Override]) -> None:
 def _check_choices(override: Override) -> None:
     """Raise UsageError if a sweep over a group names an unknown choice."""
     options = GlobalHydra.instance().config_loader().get_group_options(override.key_or_group)
-    unknown = [str(v) for v in override.sweep_iterator() if str(v) not in options] if options else []
+    names = (v.text if isinstance(v, QuotedString) else v for v in override.sweep_iterator()) if options else ()
+    unknown = [name for name in names if isinstance(name, str) and name.removesuffix(".yaml") not in options]
     if unknown:
         raise UsageError(unknown_choice(override.key_or_group, unknown[0], options))

@@ -18,7 +18,7 @@ import psutil
 
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.public import catalogue as sources
-from nrsfm.harness.config.address import shown
+from nrsfm.harness.config.address import file_of, shown
 from nrsfm.harness.config.compose import compose_config
 from nrsfm.harness.config.plugins import faults, installed
 from nrsfm.harness.config.settings import Settings, read
@@ -27,7 +27,7 @@ from nrsfm.harness.record.environment import cores, environment
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import LEAST
 from nrsfm.harness.record.outcome import OK as DONE
-from nrsfm.harness.tracking.tracker import Tracker
+from nrsfm.harness.tracking.tracker import EXPERIMENT, Tracker
 from nrsfm.harness.trial.execute import execute
 
 GB = 2**30
@@ -90,7 +90,7 @@ def output(settings: Settings) -> Iterator[Finding]:
 def store(settings: Settings) -> Iterator[Finding]:
     """The tracker, as a run would use it. One that is not there yet is not made."""
     uri = settings.tracking_uri
-    path = Path(uri.removeprefix("sqlite:///")) if uri.startswith("sqlite:///") else None
+    path = file_of(uri)
     name = shown(uri) if path is None else str(path)
     if path is not None and not path.exists():
         yield Finding("store", OK, f"{name}, which the first run makes")
@@ -98,12 +98,15 @@ def store(settings: Settings) -> Iterator[Finding]:
     state, remedy = PROBLEM, "see to tracking.uri; trials run without it, and 'nrsfm sync' brings them in"
     try:
         how = _reached(name) if path is None else _sqlite(path)
-        with tempfile.TemporaryDirectory() as other:  # nothing here is the store's
-            client = Tracker(uri, Path(other)).client
-            begun = time.monotonic()
-            _ = client.search_experiments(max_results=1)
+        tracker = Tracker(uri, settings.output)
+        _ = tracker.deleted()
+        begun = time.monotonic()
+        deleted = tracker.deleted()
         text = f"{name}: {how}, answers in {1000 * (time.monotonic() - begun):.0f} ms"
         state, remedy = OK, ""
+        if deleted:
+            state, text = NOTE, f"{text}; its experiment {EXPERIMENT} was deleted in MLflow"
+            remedy = "'nrsfm sync' restores it"
     except sqlite3.Error as error:
         text = f"{name}: {error}"
         if "locked" in str(error):

@@ -16,8 +16,8 @@ from nrsfm.methods.base import Array, Labels, Reconstruction
 
 T = TypeVar("T")
 
-NO_STRUCTURE = "method gives no structure"
-NO_LABELS = "method gives no labels"
+NO_STRUCTURE = "no structure to compare"
+NO_LABELS = "no labels to compare"
 
 
 class Absent(Exception):

@@ -263,7 +263,7 @@ METRICS = (
         "reprojection",
         _reprojection,
         r"$\lVert W - \hat R \hat S \rVert / \lVert W \rVert$, of the visible tracks, centred",
-        absent="method gives no structure, or uses no cameras",
+        absent="no structure to compare, or no cameras",
         summary="{reprojection:.3g} of the tracks' size, {rms:.3g} in their units (rms)",
     ),
     Metric(
@@ -273,7 +273,7 @@ METRICS = (
         label="e_R",
         tex="$e_R$",
         unit="",
-        absent="method gives no structure, or no camera is known",
+        absent="no structure to compare, or no camera is known",
         summary="{e_r:.4f}",
     ),
     Metric(
@@ -309,6 +309,7 @@ METRICS = (
         _clusters,
         "how many bodies the method found",
         label="bodies found",
+        brief="bodies {0:g}",
         unit="bodies",
         better="",
         absent=NO_LABELS,

@@ -68,6 +68,8 @@ class Outcome:
         Finite numbers; a metric that does not apply is left out.
     seconds, cpu_seconds : float
         Wall-clock time, and the time of all cores together.
+    title : str
+        What its sweep called the trial: scene, method, and what differs from the sweep's other trials.
     finished : str
         Time of the end in ISO format with its zone.
     parameters : dict
@@ -97,6 +99,7 @@ class Outcome:
     error: str = ""
     finished: Annotated[str, Predicate(_is_time)] = ""
     sweep: str = ""
+    title: str = ""
     parameters: Parameters = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=dict)
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from nrsfm.harness.record.parameters import flatten
 
 #: The groups of the configuration that make a trial.
 GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
@@ -57,8 +59,27 @@ class Trial:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
         if self.gaps:
             words.append(f"gaps={gap_words(self.gaps)}")
-        if self.n_bodies == AUTO:
-            words.append("n_bodies=auto")
+        if self.n_bodies is not None:
+            words.append(f"n_bodies={self.n_bodies}")
         if self.cameras["source"] != "known":
             words.append(f"cameras={self.cameras['source']}")
         return " ".join(words)
+
+
+def titles(trials: Sequence[Trial]) -> list[str]:
+    """The title of each trial, followed by the settings in which the trials of one title differ."""
+    alike: dict[str, list[dict[str, Any]]] = {}
+    plain = [flatten(asdict(trial)) for trial in trials]
+    for trial, settings in zip(trials, plain, strict=True):
+        alike.setdefault(trial.title, []).append(settings)
+    differing = {title: differing_keys(group) for title, group in alike.items()}
+    return [
+        " ".join([trial.title, *(f"{key}={settings[key]}" for key in differing[trial.title] if key in settings)])
+        for trial, settings in zip(trials, plain, strict=True)
+    ]
+
+
+def differing_keys(settings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The keys in which flat settings differ, in the order of the first that has them."""
+    keys = dict.fromkeys(key for each in settings for key in each)
+    return [key for key in keys if any(each.get(key) != settings[0].get(key) for each in settings)]

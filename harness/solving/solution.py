@@ -199,7 +199,7 @@ class Solution:
         Raises
         ------
         UsageError
-            If the method gives no structure.
+            If the no structure to compare.
         """
         from nrsfm.reports.figures.animation import animate
 

@@ -11,8 +11,7 @@ import secrets
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -20,6 +19,7 @@ from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.folder import check_space, read_record
 from nrsfm.harness.record.text import one_line
+from nrsfm.harness.record.trial import titles
 from nrsfm.harness.sweep.follower import Follower
 from nrsfm.harness.sweep.launcher import Launcher
 from nrsfm.harness.sweep.work import Job, Work
@@ -28,6 +28,7 @@ from nrsfm.harness.trial.identity import identify
 from nrsfm.harness.trial.isolation import start_server
 from nrsfm.harness.trial.journal import Entry, journal
 from nrsfm.harness.trial.progress import steps
+from nrsfm.harness.trial.signals import on_signals
 
 ATTEMPTS = 3  # consecutive attempts that may end without any trial done
 STOP_SECONDS = 5.0  # that the workers of an interrupted sweep get to stop their trials
@@ -61,18 +62,18 @@ def conduct(request: Request) -> Sweep:
         prepare()
     sweep = request.settings.sweep or f"{datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
     jobs: dict[str, Job] = {}
-    for trial, settings in request.trials:
+    names = titles([trial for trial, _ in request.trials])
+    for (trial, settings), title in zip(request.trials, names, strict=True):
         identity = identify(trial, settings)
         record = read_record(settings.trials / identity.key)
         old = record.finished if record else ""
-        jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old)
+        jobs[identity.key] = Job(trial, replace(settings, sweep=sweep), identity, old, title)
     settings = next(iter(jobs.values())).settings
     launcher = Launcher(request)
     journal(settings.output, sweep).parent.mkdir(parents=True, exist_ok=True)
-    trials = {key: job.trial for key, job in jobs.items()}
     left = [job for job in jobs.values() if job.due]
-    done = trials.keys() - {job.identity.key for job in left}
-    with _interruptible(), Follower(settings, trials, done) as follower:
+    done = jobs.keys() - {job.identity.key for job in left}
+    with on_signals(signal.SIGTERM, do=signal.default_int_handler), Follower(settings, jobs, done) as follower:
         trouble = _run_all(left, settings, launcher)
     return Sweep(settings, jobs, follower.entries, trouble, follower.trouble)
 
@@ -117,13 +118,3 @@ def _await_stop(work: Work) -> None:
     end = time.monotonic() + STOP_SECONDS
     while time.monotonic() < end and any(key in keys for key, _ in steps(settings.output, settings.sweep)):
         time.sleep(0.1)
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Make SIGTERM end the sweep as Ctrl-C does: workers are stopped, finished trials are kept."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

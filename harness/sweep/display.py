@@ -18,7 +18,7 @@ from rich.table import Column
 from nrsfm.harness.evaluate.metrics import brief
 from nrsfm.harness.record.outcome import OK, Outcome
 from nrsfm.harness.record.text import printable
-from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.record.trial import Trial, titles
 from nrsfm.harness.trial.progress import Step
 
 SECONDS = 0.5  # between two refreshes
@@ -35,7 +35,7 @@ class Display:
 
     def __init__(self, trials: Mapping[str, Trial], console: Console, live: bool) -> None:
         self.live = live
-        self._trials = trials
+        self._titles = dict(zip(trials, titles(list(trials.values())), strict=True))
         self._console = console
         self._counts: Counter[str] = Counter()
         self._left = {key: str(trial.method["name"]) for key, trial in trials.items()}  # methods of unfinished trials
@@ -64,7 +64,7 @@ class Display:
             self._live.stop()
 
     def ended(self, key: str, outcome: Outcome, *, ran: bool) -> None:
-        """Count a finished trial, and print its line if it ran now or failed."""
+        """Count a finished trial, and print its line if it ran now, failed, or is the only one."""
         self._counts[outcome.status] += 1
         method = self._left.pop(key)
         if outcome.seconds is not None:
@@ -73,9 +73,9 @@ class Display:
             self._steps.remove_task(self._running.pop(key))
         self._drawn = 0.0
         self._write_head()
-        if ran or outcome.status != OK:
-            place = f"[{self._counts.total()}/{len(self._trials)}]"
-            line = f"{place} {_words(self._trials[key].title, outcome)}"
+        if ran or outcome.status != OK or len(self._titles) == 1:
+            place = f"[{self._counts.total()}/{len(self._titles)}]"
+            line = f"{place} {_words(self._titles[key], outcome)}"
             self._console.print(printable(line), markup=False, highlight=False, soft_wrap=not self.live)
 
     def update(self, steps: Mapping[str, Step]) -> None:
@@ -94,7 +94,7 @@ class Display:
             self._live.refresh()
 
     def _write_head(self) -> None:
-        ended, total, running = self._counts.total(), len(self._trials), len(self._running)
+        ended, total, running = self._counts.total(), len(self._titles), len(self._running)
         failed = f", [red]{ended - self._counts[OK]} failed[/]" if ended > self._counts[OK] else ""
         words = f"{ended}/{total} done{failed}, {running} running, {max(total - ended - running, 0)} left"
         self._head.update(self._total, completed=ended, description=words, left=self._time_left())

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.record.folder import read_record
-from nrsfm.harness.record.trial import Trial
 from nrsfm.harness.sweep.display import Display
+from nrsfm.harness.sweep.work import Job
 from nrsfm.harness.tracking.tracker import Tracker
 from nrsfm.harness.tracking.writer_process import Writer
 from nrsfm.harness.trial.journal import Entry, entries, journal
@@ -23,25 +23,27 @@ class Follower:
     """Context manager around a sweep, with a thread that reads its journal.
 
     Workers leave records in trial folders and lines in the journal. The thread shows each finished trial and passes it
-    to the tracker's writer, so that workers neither load MLflow nor wait for its store. ``trials`` are those of the
+    to the tracker's writer, so that workers neither load MLflow nor wait for its store. ``jobs`` are those of the
     sweep, by key; those of the keys ``before`` are done when it begins. ``entries`` holds the ended ones, by key.
     """
 
-    def __init__(self, settings: Settings, trials: Mapping[str, Trial], before: Collection[str]) -> None:
+    def __init__(self, settings: Settings, jobs: Mapping[str, Job], before: Collection[str]) -> None:
         self.settings = settings
-        self.trials = trials
+        self.jobs = jobs
         self.entries: dict[str, Entry] = {}
-        self._before = [key for key in trials if key in before]
+        self._before = [key for key in jobs if key in before]
         self._writer = Writer(settings)
         self._tracker = Tracker(settings.tracking_uri, settings.output)
         self._journal = journal(settings.output, settings.sweep)
         self._offset = self._journal.stat().st_size if self._journal.is_file() else 0  # of an earlier sweep's lines
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, daemon=True)
-        self._display = Display(trials, Console(stderr=True), live=sys.stderr.isatty())
+        self._display = Display(
+            {key: job.trial for key, job in jobs.items()}, Console(stderr=True), live=sys.stderr.isatty()
+        )
 
     def __enter__(self) -> Follower:
-        if len(self._before) < len(self.trials):
+        if len(self._before) < len(self.jobs):
             self._writer.start()
         self._display.__enter__()
         self._take_records(self._before)
@@ -65,7 +67,7 @@ class Follower:
             if last:
                 break
             self._stop.wait(0.2)
-        self._take_records(self.trials.keys() - self.entries.keys())
+        self._take_records(self.jobs.keys() - self.entries.keys())
         for key, entry in self.entries.items():
             folder = self.settings.trials / key
             if not entry.ran and not ((record := read_record(folder)) and self._tracker.holds(record, folder)):
@@ -83,10 +85,10 @@ class Follower:
             outcome = read_record(self.settings.trials / key)
             if outcome is not None:
                 ran = key not in self._before and outcome.sweep == self.settings.sweep
-                self._take(Entry(key, self.trials[key].title, outcome.status, ran))
+                self._take(Entry(key, self.jobs[key].title, outcome.status, ran))
 
     def _take(self, entry: Entry) -> None:
-        if entry.key not in self.trials or entry.key in self.entries:
+        if entry.key not in self.jobs or entry.key in self.entries:
             return
         self.entries[entry.key] = entry
         outcome = read_record(self.settings.trials / entry.key)

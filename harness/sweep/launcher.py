@@ -15,6 +15,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from nrsfm.harness.config.address import SECRETS
+from nrsfm.harness.config.compose import quoted
 from nrsfm.harness.config.spans import Request
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.errors import UsageError
@@ -61,8 +62,8 @@ class Launcher:
             return
         n_jobs = [f"hydra.launcher.n_jobs={n_workers}"] if self._name == "joblib" else []
         settings = work.jobs[0].settings
-        place = [f"sweep={settings.sweep}", f"output={_quoted(settings.output)}"]
-        task = [f"+work={_quoted(work.path)}", f"+worker=range({n_workers})"]
+        place = [f"sweep={settings.sweep}", f"output={quoted(str(settings.output))}"]
+        task = [f"+work={quoted(str(work.path))}", f"+worker=range({n_workers})"]
         # schedulers store the environment, and workers do not need the tracker's login
         no_login = with_environment(dict.fromkeys(SECRETS))
         with without_interrupt() if self._name == "submitit_local" else nullcontext(), no_login:
@@ -121,8 +122,3 @@ def _start_ray(config: Any) -> None:
             ray.init(**config | own)
         finally:
             signal.signal(signal.SIGTERM, handler)
-
-
-def _quoted(path: Path) -> str:
-    """A path quoted for Hydra's override grammar."""
-    return "'" + str(path).replace("\\", "\\\\").replace("'", "\\'") + "'"

@@ -18,7 +18,7 @@ from nrsfm.harness.evaluate.memory import Size, foreseen_gb, refusal
 from nrsfm.harness.record.environment import cores
 from nrsfm.harness.record.folder import read_record
 from nrsfm.harness.record.outcome import OK, Outcome
-from nrsfm.harness.record.trial import Trial, digest
+from nrsfm.harness.record.trial import Trial, digest, titles
 from nrsfm.harness.sweep.forecast import OVERHEAD, Forecast, History, side_by_side, size_words
 from nrsfm.harness.sweep.launcher import Launcher
 from nrsfm.harness.trial.execute import repeats
@@ -32,6 +32,7 @@ class Planned:
     """A trial of the plan, and whether ``nrsfm run`` would run it."""
 
     trial: Trial
+    title: str
     key: str
     outcome: Outcome | None
     runs: bool
@@ -146,11 +147,12 @@ def plan(overrides: Sequence[str]) -> Plan:
     history = History(settings, {str(trial.method["name"]) for trial, _ in request.trials})
     sizes: dict[str, Size | str] = {}
     planned: list[Planned] = []
-    for trial, own_settings in request.trials:
+    names = titles([trial for trial, _ in request.trials])
+    for (trial, own_settings), title in zip(request.trials, names, strict=True):
         identity = identify(trial, own_settings)
         outcome = read_record(own_settings.trials / identity.key)
         runs = outcome is None or repeats(outcome, trial, own_settings.rerun)
-        item = Planned(trial, identity.key, outcome, runs, identity.reason if runs else "")
+        item = Planned(trial, title, identity.key, outcome, runs, identity.reason if runs else "")
         planned.append(_forecast(item, own_settings, sizes, history) if item.runs and not item.reason else item)
     n_workers = launcher.workers(max(sum(item.runs for item in planned), 1))
     return Plan(planned, settings, n_workers, launcher.local, free_mb(settings.output))

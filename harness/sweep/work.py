@@ -40,12 +40,14 @@ class Job:
     """A trial of a sweep, its settings and its identity.
 
     ``old`` is when the record that the sweep found was finished, "" where there was none; any other record is new.
+    ``title`` tells the trial from the sweep's others.
     """
 
     trial: Trial
     settings: Settings
     identity: Identity
     old: str = ""
+    title: str = ""
 
     @property
     def record(self) -> Outcome | None:
@@ -125,7 +127,14 @@ def go_through(work: Work) -> None:
             trial, settings = job.trial, job.settings
             try:
                 record, ran = execute(
-                    trial, settings, job.identity, old=job.old, again=i in tries, stopped=work.over, wait=wait
+                    trial,
+                    settings,
+                    job.identity,
+                    job.title,
+                    old=job.old,
+                    again=i in tries,
+                    stopped=work.over,
+                    wait=wait,
                 )
             except Busy:
                 later.append((i, True))
@@ -138,7 +147,7 @@ def go_through(work: Work) -> None:
             if tries[i] <= settings.retries and (record.status == OOM or any(w in record.error for w in KILLED)):
                 later.append((i, True))
             else:
-                note(settings, Entry(record.key, trial.title, record.status, ran=True))
+                note(settings, Entry(record.key, job.title, record.status, ran=True))
         turn = later
 
 

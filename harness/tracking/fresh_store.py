@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
 
+from nrsfm.harness.config.address import SQLITE, for_mlflow
+
 
 def make_store(path: Path) -> None:
     """Make a store without experiments, under another name first: a kill leaves no half-made store."""
@@ -32,6 +34,6 @@ def _migrate(path: Path) -> None:
     from mlflow import MlflowClient
 
     path.unlink(missing_ok=True)
-    MlflowClient(f"sqlite:///{path}").search_experiments(max_results=1)
+    MlflowClient(for_mlflow(f"{SQLITE}{path}")).search_experiments(max_results=1)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("DELETE FROM experiments")

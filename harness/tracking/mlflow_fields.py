@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nrsfm.harness.record.curves import thinned
 from nrsfm.harness.record.folder import ARRAYS, read_arrays
 from nrsfm.harness.record.outcome import Outcome
 from nrsfm.harness.record.parameters import flatten
 
-LONGEST_TAG = 8000  # characters
+if TYPE_CHECKING:
+    from mlflow.entities import DatasetInput
+
+LONGEST_KEY = 250  # characters
 
 _TAGS = ("setting", "status", "sweep", "dataset", "method", "cameras", "placement", "motion", "level", "repeat")
 
@@ -22,25 +27,38 @@ def tags(outcome: Outcome) -> dict[str, str]:
         "stand_in": str(outcome.stand_in).lower(),
         "folder": f"trials/{outcome.key}",
         "error": _storable(outcome.error[:500]),
+        **_source(outcome),
         **{f"env.{name}": _storable(value[:500]) for name, value in outcome.environment.items()},
     }
 
 
+def _source(outcome: Outcome) -> dict[str, str]:
+    """What MLflow shows in the columns of source and version."""
+    version = outcome.environment.get("commit", outcome.environment.get("nrsfm", ""))
+    return {"mlflow.source.name": "nrsfm run", "mlflow.source.type": "LOCAL", "mlflow.source.git.commit": version}
+
+
+def dataset(outcome: Outcome) -> DatasetInput:
+    """The scene, as MLflow shows it in the column of datasets."""
+    from mlflow.entities import Dataset, DatasetInput, InputTag
+
+    digest = outcome.environment.get("data", "")[:36] or "?"
+    kind = str(outcome.parameters.get("dataset", {}).get("source", ""))
+    sizes = {"num_frames": outcome.n_frames, "num_tracks": outcome.n_points, "num_bodies": outcome.n_bodies}
+    profile = json.dumps({name: size for name, size in sizes.items() if size is not None})
+    stored = Dataset(outcome.dataset, digest, kind or "nrsfm", json.dumps({"source": kind}), profile=profile)
+    return DatasetInput(stored, [InputTag("mlflow.data.context", "stand-in" if outcome.stand_in else "evaluation")])
+
+
 def parameters(outcome: Outcome) -> dict[str, str]:
-    """The trial's configuration by dotted name."""
-    return {name: _storable(str(value)) for name, value in flatten(outcome.parameters).items()}
+    """The trial's configuration by dotted name; signs that MLflow refuses in a name become ``_``."""
+    flat = flatten(outcome.parameters).items()
+    return {re.sub(r"[^\w. -]", "_", name)[:LONGEST_KEY]: _storable(str(value)) for name, value in flat}
 
 
-def record_tags(outcome: Outcome) -> dict[str, str]:
-    """The whole record as JSON, in the tags ``record``, ``record1``, ... because the length of a tag is limited."""
-    text = outcome.to_json()
-    starts = range(0, len(text), LONGEST_TAG)
-    return {f"record{i or ''}": text[start : start + LONGEST_TAG] for i, start in enumerate(starts)}
-
-
-def record_text(tags: Mapping[str, str]) -> str:
-    """The JSON that :func:`record_tags` split."""
-    return "".join(tags.get(f"record{i or ''}", "") for i in range(len(tags)))
+def run_name(outcome: Outcome) -> str:
+    """The name of a run: what its sweep called the trial."""
+    return _storable(outcome.title[:250]) or f"{outcome.dataset} {outcome.method}"
 
 
 def curve_points(folder: Path) -> list[tuple[str, int, float]]:

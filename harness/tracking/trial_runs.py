@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,29 @@ from nrsfm.harness.trial.identity import identify
 
 
 class Runs:
-    """Records of trials, oldest first, found by trial."""
+    """Records of trials, found by trial; ``complete`` with those that the tracker alone has."""
 
-    def __init__(self, runs: Sequence[Tracked]) -> None:
-        self.runs = runs
-        self._by_key = {run.outcome.key: run for run in runs}
-        by_preference = sorted(runs, key=lambda run: not run.outcome.stand_in)  # the last one of a setting counts
+    def __init__(self, runs: Sequence[Tracked], complete: bool = False) -> None:
+        self.runs = sorted(runs, key=lambda run: (run.outcome.finished, run.outcome.key))
+        self.complete = complete
+        self._by_key = {run.outcome.key: run for run in self.runs}
+        by_preference = sorted(self.runs, key=lambda run: not run.outcome.stand_in)  # the last one of a setting counts
         self._by_setting = {run.outcome.setting: run for run in by_preference}
 
     @classmethod
-    def of_folder(cls, trials: Path) -> Runs:
-        """Every record in a folder of trials; damaged ones are left out."""
-        outcomes = [outcome for folder in trials.glob("*/") if (outcome := read_record(folder)) is not None]
-        outcomes.sort(key=lambda outcome: (outcome.finished, outcome.key))
-        return cls([Tracked(outcome, "", "") for outcome in outcomes])
+    def of_folder(cls, trials: Path, tracker: Tracker | None = None) -> Runs:
+        """Every record in a folder of trials, with its run in the tracker if it has one; damaged ones are left out."""
+        runs = []
+        for folder in trials.glob("*/"):
+            if (outcome := read_record(folder)) is not None:
+                run_id = tracker.run_of(outcome, folder) if tracker else ""
+                runs.append(Tracked(outcome, run_id, tracker.uri if tracker and run_id else ""))
+        return cls(runs)
+
+    @property
+    def keys(self) -> Collection[str]:
+        """The trials that have a run."""
+        return self._by_key.keys()
 
     def find(self, key: str, setting: str) -> Tracked | None:
         """The run of a trial, or None.
@@ -42,12 +51,25 @@ class Runs:
 
 
 def answers(request: Request, runs: Runs | None = None) -> tuple[list[Answer], Runs]:
-    """Each trial of a request with the run that answers it, or None; and the runs, by default all of the tracker's.
+    """Each trial of a request with the run that answers it, or None; and all runs that are known.
 
-    Raises UsageError if the tracker cannot be reached.
+    The records in the output folder are the truth. Only if one is missing, the tracker, slow to load, is asked as well.
+    Raises UsageError if it cannot be reached.
+
+    Parameters
+    ----------
+    request : Request
+    runs : Runs, optional
+        Those of an earlier call for the same output folder.
     """
-    runs = runs or Runs(Tracker(request.settings.tracking_uri, request.settings.output).outcomes())
-    return [(trial, runs.find(identify(trial, own).key, trial.setting)) for trial, own in request.trials], runs
+    settings = request.settings
+    tracker = Tracker(settings.tracking_uri, settings.output)
+    runs = runs or Runs.of_folder(settings.trials, tracker)
+    asked = [(trial, identify(trial, own).key) for trial, own in request.trials]
+    if any(key not in runs.keys for _, key in asked) and not runs.complete:
+        more = tracker.outcomes(without=runs.keys)
+        runs = Runs([*more, *runs.runs], complete=True)
+    return [(trial, runs.find(key, trial.setting)) for trial, key in asked], runs
 
 
 class Arrays:
@@ -65,7 +87,8 @@ class Arrays:
     def _load(self, key: str, run_id: str) -> dict[str, Any]:
         path = self._settings.trials / key / ARRAYS
         if not path.is_file():
-            path = self._settings.output / "fetched" / run_id / ARRAYS
-            if not path.is_file() and not self._tracker.fetch(run_id, ARRAYS, path.parent):
+            artifact = self._tracker.artifact(run_id, ARRAYS) if run_id else None
+            if artifact is None:
                 return {}
+            path = artifact
         return read_arrays(path)

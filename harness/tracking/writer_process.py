@@ -150,7 +150,8 @@ def prepare() -> None:
 def _serve(pipe: Connection) -> None:
     """The process: writes for one sweep after the other, until the other end of the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    importlib.import_module("mlflow.store.tracking.sqlalchemy_store")
+    with contextlib.suppress(Exception):  # the tracker meets the error again, and explains it
+        importlib.import_module("mlflow.store.tracking.sqlalchemy_store")
     with contextlib.suppress(EOFError, OSError):
         while True:
             uri, output, trials, variables = pipe.recv()

@@ -28,6 +28,7 @@ def execute(
     trial: Trial,
     settings: Settings,
     identity: Identity | None = None,
+    title: str = "",
     *,
     old: str | None = None,
     again: bool = False,
@@ -42,6 +43,8 @@ def execute(
     ----------
     identity : Identity, optional
         If the data change after :func:`identify`, the trial fails instead of being recorded under the wrong key.
+    title : str
+        What the record and the progress call the trial; its own title by default.
     old : str, optional
         When the record that the sweep found at its start was finished, "" if there was none. A record with any other
         time is new and is not repeated, whatever ``settings.rerun`` says. Times are only compared for equality,
@@ -68,7 +71,7 @@ def execute(
         if record := finished():
             return record, False
         (folder / storage.TRACEBACK).unlink(missing_ok=True)
-        _run(trial, settings, identity, folder, stopped)
+        _run(trial, settings, identity, title or trial.title, folder, stopped)
         outcome = storage.read_record(folder)
         assert outcome is not None
         if outcome.status != OK:
@@ -76,12 +79,15 @@ def execute(
         return outcome, True
 
 
-def _run(trial: Trial, settings: Settings, identity: Identity, folder: Path, stopped: Callable[[], bool]) -> None:
+def _run(
+    trial: Trial, settings: Settings, identity: Identity, title: str, folder: Path, stopped: Callable[[], bool]
+) -> None:
     """Run the trial in its own process; write its record here if that process could not."""
     start = time.monotonic()
     environment = {"threads": str(settings.threads), "packages": packages_of(trial), "data": identity.data}
     environment = {name: value for name, value in environment.items() if value}
-    blank = replace(Outcome.of_trial(trial, identity.key), sweep=settings.sweep, environment=environment)
+    blank = Outcome.of_trial(trial, identity.key)
+    blank = replace(blank, sweep=settings.sweep, title=title, environment=environment)
     if identity.reason:
         status = ABSENT if identity.absent else FAILED
         storage.write_record(folder, replace(blank, status=status, error=identity.reason))

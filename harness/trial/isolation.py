@@ -25,6 +25,7 @@ from typing import Any
 
 import psutil
 
+from nrsfm.harness.config.address import SECRETS
 from nrsfm.harness.record.environment import THREAD_VARIABLES
 from nrsfm.harness.record.outcome import CRASHED, OK, OOM, TIMEOUT
 
@@ -57,7 +58,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 def start_server(threads: int = 1) -> None:
     """Start the server that forks the children, unless it runs; its libraries load in the background."""
     _CONTEXT.set_forkserver_preload(PRELOAD)
-    variables = dict.fromkeys(THREAD_VARIABLES, str(threads))
+    variables = dict.fromkeys(THREAD_VARIABLES, str(threads)) | dict.fromkeys(SECRETS)  # trials need no login
     with _CHILDREN, without_interrupt(), with_environment(variables), _light_main():
         forkserver.ensure_running()
 

@@ -43,7 +43,7 @@ def work(
     """
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(trial.title, step))
+        outcome, arrays = compute(trial, blank, data, stand_in, memory_gb, Reporter(blank.title or trial.title, step))
         write_atomically(folder / ARRAYS, lambda handle: np.savez_compressed(handle, **arrays))
     except MemoryError:
         raise

@@ -1,4 +1,4 @@
-"""The layout of a sweep that belongs to no table: a column for each combination of settings that it spans."""
+"""The layout of a sweep that belongs to no table: a column for each combination of the methods' settings."""
 
 from __future__ import annotations
 
@@ -7,34 +7,27 @@ from typing import Any
 
 from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
-from nrsfm.harness.record.trial import Trial
+from nrsfm.harness.record.trial import Trial, differing_keys
 from nrsfm.reports.layouts.labels import method_label
-from nrsfm.reports.layouts.layout import SCENE, Layout, Method
-
-#: Settings in which rows differ, not columns.
-ROWS = frozenset(
-    {"dataset.name", "dataset.placement", "dataset.motion", "cameras.source", *(f"dataset.{name}" for name in SCENE)}
-)
+from nrsfm.reports.layouts.layout import Layout, Method
 
 
 def span(trials: Sequence[Trial]) -> Layout:
-    """A layout with a column for each method and each combination of other settings that the trials differ in.
+    """A layout with a column for each method and each combination of settings that its trials differ in.
 
-    A setting of the dataset counts where scenes of one name differ in it, one of the method where trials of one method
-    do.
+    What the scenes differ in is told by the rows.
     """
-    plain = [flatten({"dataset": t.dataset, "method": t.method, "cameras": t.cameras}) for t in trials]
-    spanned: dict[str, dict[str, None]] = {}
-    for group, name in (("dataset", "dataset.name"), ("method", "method.name"), ("cameras", "cameras.source")):
-        seen: dict[tuple[Any, str], Any] = {}
+    plain = [flatten({"method": t.method, "cameras": t.cameras}) for t in trials]
+    spanned: dict[str, None] = {}
+    for group, name in (("method", "method.name"), ("cameras", "cameras.source")):
+        alike: dict[Any, list[dict[str, Any]]] = {}
         for settings in plain:
-            for path in (path for path in settings if path.startswith(f"{group}.") and path not in ROWS):
-                if str(seen.setdefault((settings[name], path), settings[path])) != str(settings[path]):
-                    spanned.setdefault(group, {})[path] = None
-    paths = [path for group in spanned.values() for path in group]
+            own = {path: value for path, value in settings.items() if path.startswith(f"{group}.")}
+            alike.setdefault(settings[name], []).append(own)
+        spanned |= dict.fromkeys(path for each in alike.values() for path in differing_keys(each))
     columns: dict[str, Method] = {}
     for settings in plain:
-        where = {path: settings[path] for path in paths if path in settings}
+        where = {path: settings[path] for path in spanned if path in settings}
         words = ", ".join(f"{path.partition('.')[2]} {one_line(str(value))}" for path, value in where.items())
         name = settings["method.name"]
         label = f"{method_label(name)}, {words}" if words else ""

@@ -150,7 +150,7 @@ def _cell(design: Layout, method: Method, column: Column, key: RowKey, answers: 
         wrong=_mean(runs, metric.counts),
         points=points.pop() if len(points) == 1 else None,
     )
-    if key.setting.scene and not design.study:
+    if key.setting.scene and cell.published is not None and not design.study:
         missing = f"another scene than the published one: {key.setting.scene}"
     if len(values) < len(group):
         missing = f"{len(group) - len(values)} of {len(group)} runs without a number ({missing})"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from nrsfm.harness.record.outcome import OK
+from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.tracked import Answer, Tracked
-from nrsfm.harness.record.trial import Trial, digest, gap_words
-from nrsfm.reports.layouts.layout import Layout, Method, scene_words, setting_text
+from nrsfm.harness.record.trial import Trial, differing_keys, digest, gap_words
+from nrsfm.reports.layouts.layout import SCENE, Layout, Method, scene_words, setting_text
 from nrsfm.reports.tables.model import Setting
 
 Place = tuple[str, Setting]
@@ -38,7 +40,8 @@ class Grid:
 
 def grid(answers: Sequence[Answer], design: Layout) -> Grid:
     """Sort answers into the rows of a table and its methods; the layout's rows come first, with trials or without."""
-    places = [_place(trial, design) for trial, _ in answers]
+    swept = _swept([trial for trial, _ in answers], design)
+    places = [_place(trial, design, swept) for trial, _ in answers]
     kinds: dict[Place, set[bool | None]] = {}
     for (_, run), place in zip(answers, places, strict=True):
         kinds.setdefault(place, set()).add(_stand_in(run))
@@ -83,14 +86,26 @@ def _stand_in(run: Tracked | None) -> bool | None:
     return run.outcome.stand_in if run is not None and known else None
 
 
-def _place(trial: Trial, design: Layout) -> Place:
+def _swept(trials: Sequence[Trial], design: Layout) -> tuple[str, ...]:
+    """Settings of the dataset in which scenes of one name differ, but for those that columns or the row tell anyway."""
+    told = {"placement", "motion", *SCENE, *(path.removeprefix("dataset.") for m in design.methods for path in m.where)}
+    alike: dict[str, list[dict[str, Any]]] = {}
+    for trial in trials:
+        alike.setdefault(trial.dataset["name"], []).append(flatten(trial.dataset))
+    keys = dict.fromkeys(key for scenes in alike.values() for key in differing_keys(scenes))
+    return tuple(key for key in keys if key not in told)
+
+
+def _place(trial: Trial, design: Layout, swept: Sequence[str]) -> Place:
     """The dataset and the setting of a trial, without the settings in which columns differ."""
+    scene = flatten(trial.dataset)
+    words = [scene_words(trial.dataset), *(f"{key} {setting_text(scene[key])}" for key in swept if key in scene)]
     by_column = any("cameras.source" in method.where for method in design.methods)
     return one_line(trial.dataset["name"]), Setting(
         cameras="" if by_column else one_line(trial.cameras.get("source", "known")),
         placement=setting_text(trial.dataset.get("placement", "")),
         motion=setting_text(trial.dataset.get("motion", "")),
-        scene=scene_words(trial.dataset),
+        scene=", ".join(filter(None, words)),
         level=float(trial.noise.get("level", 0.0)),
         gaps=one_line(gap_words(trial.gaps)),
         bodies=trial.n_bodies,

@@ -94,7 +94,72 @@ def test_only_files_of_the_catalogue_are_read_in_this_process(tmp_path: Path, mo
     assert kinds == ["mat"]
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("version", [4, 5])
+def test_numbers_of_either_byte_order(tmp_path: Path, version: int, order: str) -> None:
+    """The layout of MathWorks, "MAT-File Format", written by hand: scipy writes the order of this machine alone."""
+    W = np.arange(12.0).reshape(4, 3)
+    numbers = W.astype(f"{order}f8").tobytes(order="F")
+
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack(f"{order}2I", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    if version == 4:
+        content = struct.pack(f"{order}5i", 1000 * (order == ">"), *W.shape, 0, 2) + b"W\0" + numbers
+    else:
+        parts = [
+            (6, struct.pack(f"{order}2I", 6, 0)),
+            (5, struct.pack(f"{order}2i", *W.shape)),
+            (1, b"W"),
+            (9, numbers),
+        ]
+        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(f"{order}H", 0x100) + (b"IM" if order == "<" else b"MI")
+        content = head + element(14, b"".join(element(*part) for part in parts))
+    (tmp_path / "a.mat").write_bytes(content)
+    assert np.array_equal(read_mat(tmp_path / "a.mat", ["W"])["W"], W)
+
+
+def test_archives_of_either_byte_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    arrays: dict[str, Any] = {"tracks": rng.normal(size=(12, 2, 8)), "labels": np.repeat([1, 2], 4)}
+    arrays["visible"] = (rng.random((12, 8)) > 0.1).astype(float)
+    arrays["cameras"] = np.linalg.qr(rng.normal(size=(12, 3, 3)))[0][:, :2]
+    scenes = []
+    for order in "<>":
+        np.savez(
+            tmp_path / "a.npz",
+            **{name: value.astype(value.dtype.newbyteorder(order)) for name, value in arrays.items()},
+        )
+        scenes.append(load_tracks(tmp_path / "a.npz"))
+    for name in ("tracks", "labels", "visible", "cameras"):
+        first, other = (getattr(scene, name) for scene in scenes)
+        assert other.dtype.isnative and np.array_equal(first, other, equal_nan=True), name
+
+
+@pytest.mark.parametrize("head", [b"# Created by Octave 8.4.0\n# name: S\n# type: scalar\n1\n", b"Octave-1-L\0"])
+def test_formats_of_octave_are_refused_by_name(tmp_path: Path, head: bytes) -> None:
+    assert "format of Octave's own; save it there with: save -v7 a.mat" in complaint(tmp_path / "a.mat", head)
+
+
 # Version 7.3
+
+
+@pytest.mark.parametrize("block", [0, 512])
+def test_hdf5_that_h5py_wrote(tmp_path: Path, block: int) -> None:
+    """Without MATLAB's head its arrays are as h5py has them; behind one they are as MATLAB would read them."""
+    W = np.arange(12).reshape(4, 3)
+    for kind in ("f8", ">f4", "i2"):
+        with h5py.File(tmp_path / "a.mat", "w", userblock_size=block) as file:
+            file["W"] = (W.T if block else W).astype(kind)
+        assert np.array_equal(read_mat(tmp_path / "a.mat", ["W"])["W"], W), kind
+
+
+@pytest.mark.parametrize("kind", ["string", "table", "datetime"])
+def test_newer_classes_are_refused_by_name(tmp_path: Path, kind: str) -> None:
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file.create_dataset("S", data=np.ones((1, 6), np.uint32)).attrs["MATLAB_class"] = np.bytes_(kind)
+    content = files.with_head73((tmp_path / "b.mat").read_bytes())
+    assert f"field S is of type {kind}, wanted numbers" in complaint(tmp_path / "a.mat", content)
 
 
 def hdf5(path: Path, **storage: object) -> bytes:

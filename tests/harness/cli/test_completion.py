@@ -52,7 +52,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("re", ["report"]),
         ("--v", ["--version"]),
         ("report --f", ["--folder", "--figures"]),
-        ("report --quiet table1 --c", ["--claims"]),
+        ("report --quiet table1 --c", ["--config-dir", "--claims"]),
         ("report table1 --folder out conv", ["convergence"]),
         ("bless ", ["quick", "tables"]),
         ("solve tracks.npz --method adaptive_ap", ["adaptive_apart"]),
@@ -106,6 +106,13 @@ def test_paths_are_completed(ask: Ask, tmp_path: Path, monkeypatch: pytest.Monke
     assert list(ask("run output=./l")) == ["output=./lab/", "output=./letter.txt"]
     for line in ("solve l", "report --folder l"):
         assert ask(line).keys() == {"lab/", "letter.txt"}
+
+
+def test_what_a_folder_of_configurations_holds_is_offered(ask: Ask, tmp_path: Path) -> None:
+    (tmp_path / "own/method").mkdir(parents=True)
+    (tmp_path / "own/method/mine.yaml").write_text("defaults: [edsc, _self_]\nname: mine\n")
+    for verb in ("run", "plan"):
+        assert list(ask(f"{verb} --config-dir {tmp_path}/own method=mi")) == ["method=mine"]
 
 
 def test_a_choice_has_an_explanation(ask: Ask) -> None:

@@ -177,7 +177,8 @@ def test_a_sweep_in_a_terminal(environment: dict[str, str], tmp_path: Path) -> N
     assert "the method speaks" not in drawn
     talked = next(t for t in tracked(tmp_path) if t.outcome.parameters["method"]["how"] == "talk")
     log = tmp_path / "out/trials" / talked.outcome.key / "log.txt"
-    assert Tracker(talked.uri, tmp_path / "out").fetch(talked.run_id, "log.txt", tmp_path / "fetched")
-    for text in (log.read_text(), (tmp_path / "fetched/log.txt").read_text()):
+    artifact = Tracker(talked.uri, tmp_path / "out").artifact(talked.run_id, "log.txt")
+    assert artifact is not None
+    for text in (log.read_text(), artifact.read_text()):
         assert "the method speaks" in text
         assert "and a library of its grumbles" in text

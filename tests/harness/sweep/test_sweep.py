@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import sqlite3
@@ -61,7 +62,8 @@ def test_a_sweep_ends_with_the_table_that_it_filled(nrsfm: Shell) -> None:
 def test_store_holds_parameters_metrics_curves_and_tags(nrsfm: Shell, tmp_path: Path) -> None:
     assert nrsfm("run", "method=ours", "dataset.points=8", "dataset.frames=12").returncode == 0
     (one,) = tracked(tmp_path)
-    client = Tracker(one.uri, tmp_path / "out").client
+    tracker = Tracker(one.uri, tmp_path / "out")
+    client = tracker.client
     run = client.get_run(one.run_id)
     assert run.data.params["method.l1"] == "0.003"
     assert run.data.params["dataset.points"] == "8"
@@ -73,7 +75,15 @@ def test_store_holds_parameters_metrics_curves_and_tags(nrsfm: Shell, tmp_path: 
     assert run.data.tags["trial_key"] == one.outcome.key
     assert {"sweep", "dataset", "method", "level", "repeat"} <= run.data.tags.keys()
     assert run.info.status == "FINISHED"
-    assert {f.path for f in client.list_artifacts(one.run_id)} >= {"result.json", "arrays.npz"}
+    assert run.info.run_name == "person_face ours"
+    (scene,) = run.inputs.dataset_inputs
+    assert (scene.dataset.name, json.loads(scene.dataset.profile)["num_tracks"]) == (
+        "person_face",
+        one.outcome.n_points,
+    )
+    assert run.data.tags["mlflow.source.name"] == "nrsfm run" and run.data.tags["mlflow.source.git.commit"]
+    assert not [name for name in run.data.tags if name.startswith("record")]
+    assert tracker.artifact(one.run_id, "result.json") and tracker.artifact(one.run_id, "arrays.npz")
     mode = sqlite3.connect(tmp_path / "out/mlflow.db").execute("PRAGMA journal_mode").fetchone()[0]
     assert mode == "wal"
 
@@ -272,3 +282,22 @@ def test_tracker_out_of_reach_costs_no_result(shell: Shell, tmp_path: Path) -> N
     assert "nrsfm sync" in done.stderr
     assert [r["status"] for r in records(tmp_path).values()] == ["ok"]
     assert "1 run written" in shell("sync").stdout
+
+
+def test_what_a_sweep_sweeps_is_told_everywhere(nrsfm: Shell, tmp_path: Path) -> None:
+    """In the plan, the progress, the table and MLflow; and one trial tells its numbers again when it is done."""
+    words = ("method=edsc", "dataset.points=8,9", "dataset.frames=12", "n_bodies=auto", "--config-dir", str(tmp_path))
+    names = [f"person_face edsc n_bodies=auto dataset.points={n}" for n in (8, 9)]
+    planned = nrsfm("plan", *words, COLUMNS="200").stdout
+    done = nrsfm("run", *words)
+    assert done.returncode == 0
+    for name in names:
+        assert name in planned
+        assert re.search(rf"{re.escape(name)}: .*bodies \d", done.stderr), done.stderr
+    assert re.search(r"person_face, points 8, seed|person_face, .*points 8", done.stdout)
+    assert "EDSC, points" not in done.stdout
+    client = Tracker(f"sqlite:///{tmp_path}/out/mlflow.db", tmp_path / "out").client
+    assert sorted(client.get_run(run.run_id).info.run_name for run in tracked(tmp_path)) == names
+    one = (*words[:1], "dataset.points=8", *words[2:])
+    again = nrsfm("run", *one)
+    assert "nothing to run" in again.stdout and "wrong " in again.stderr

@@ -131,6 +131,20 @@ def test_two_sweeps_at_once_write_each_trial_once(environment: dict[str, str], s
     assert stored.read_bytes() == (tmp_path / "out/trials" / one.outcome.key / "arrays.npz").read_bytes()
 
 
+@every_store
+def test_two_folders_that_run_a_trial_at_one_moment_leave_one_run(
+    environment: dict[str, str], server: Server, tmp_path: Path
+) -> None:
+    words = sweep(server, 4, seed=51)
+    places = [environment | {"NRSFM_OUTPUT": str(tmp_path / name)} for name in "ab"]
+    both = [started(place, tmp_path, *words) for place in places]
+    ended = [process.communicate(timeout=600) for process in both]
+    assert [process.returncode for process in both] == [0, 0], ended
+    keys = {folder.name for folder in (tmp_path / "a/trials").iterdir()}
+    assert runs(server, keys) == dict.fromkeys(keys, 1)
+    assert len(keys) == 4
+
+
 @on_postgres
 @pytest.mark.parametrize("who", ["mlflow", "postgres"])
 @pytest.mark.parametrize("back", ["during", "after"])

@@ -277,8 +277,8 @@ class TestReasons:
 
     def test_parts_that_a_method_does_not_give(self, answer: MakeAnswer) -> None:
         table = build("table2", [answer("dance_yoga", "ssc2d", 3), answer("dance_yoga", "bmm", None, e_3d_dai=0.03)])
-        assert cell(table, "dance_yoga", "ssc2d", "e_3d").reason == "method gives no structure"
-        assert cell(table, "dance_yoga", "bmm", "e_ms").reason == "method gives no labels"
+        assert cell(table, "dance_yoga", "ssc2d", "e_3d").reason == "no structure to compare"
+        assert cell(table, "dance_yoga", "bmm", "e_ms").reason == "no labels to compare"
 
     def test_no_published_number(self, answer: MakeAnswer) -> None:
         table = build("table1", [answer("dance_yoga", "ssc2d_share70", 3)])
