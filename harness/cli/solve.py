@@ -195,7 +195,10 @@ exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong us
     parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
     parser.add_words("--method", group_choices("method"), default="adaptive", help="any of 'nrsfm list methods'")
     parser.add_argument(
-        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
+        "--cameras",
+        choices=("auto", "known", "estimated", "refined"),
+        default="auto",
+        help="the file's, if it has some",
     )
     parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
     parser.add_argument("--columns", metavar="A=B,...", help="the file's names: frame=img,track=id,x=u,y=v; tracks=xy")

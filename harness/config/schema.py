@@ -110,10 +110,14 @@ class Observed(_Model):
 class Cameras(_Model):
     """Known cameras, or how they are estimated."""
 
-    source: Literal["known", "estimated"] = Field(description="known or estimated")
+    source: Literal["known", "estimated", "refined"] = Field(description="known, estimated or refined")
     rank: Any = None
     start: Any = None
     refine: Any = None
+    turning: Any = None
+    smoothing: Any = None
+    noise: Any = None
+    iterations: Any = None
 
 
 class Tracking(_Model):

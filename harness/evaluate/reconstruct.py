@@ -19,6 +19,7 @@ from nrsfm.methods import base
 from nrsfm.methods.base import Array, Cleaned, Method, MethodError, Observations, Progress, Reconstruction, stage
 from nrsfm.methods.gaps import complete
 from nrsfm.methods.observed.cleaning import at_one_scale, without_outliers
+from nrsfm.methods.structure.refinement import refine_cameras
 from nrsfm.methods.structure.rotation import estimate_cameras
 
 #: Times by which a structure may be wider than the tracks.
@@ -44,8 +45,9 @@ def reconstruct(
     n_bodies : int or None
         None lets the method estimate it.
     cameras : mapping
-        ``source``, ``known`` or ``estimated``; for the latter ``rank``, ``start`` and ``refine`` as
-        :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them.
+        ``source``, ``known``, ``estimated`` or ``refined``; for the latter two ``rank``, ``start`` and ``refine`` as
+        :func:`nrsfm.methods.structure.rotation.estimate_cameras` takes them, for the last also ``turning``,
+        ``smoothing``, ``noise`` and ``iterations`` of :func:`nrsfm.methods.structure.refinement.refine_cameras`.
     observations : mapping
         ``robust``: whether outliers become missing observations. ``scale``: whether each frame's scale is taken out of
         the tracks, for which cameras are needed, whatever the method. See
@@ -75,14 +77,17 @@ def reconstruct(
         R = scene.cameras
         if cameras["source"] != "known":
             stage(progress, "cameras")
-            options = {name: cameras[name] for name in ("rank", "start", "refine") if name in cameras}
-            R = estimate_cameras(whole(), **options)
+            R = estimate_cameras(whole(), **_named(cameras, "rank", "start", "refine"))
         elif R is None:
             raise UsageError(f"scene {scene.name} has no cameras; use cameras=estimated")
     given = cleaned
     if observations["scale"] and R is not None:
         stage(progress, "scale")
         given = at_one_scale(cleaned, whole(), R)
+    if method.uses_cameras and R is not None and cameras["source"] == "refined":
+        stage(progress, "cameras and structure")
+        images = whole() if given.scales is None else whole() / given.scales[:, None, None]
+        R = refine_cameras(images, R, **_named(cameras, "turning", "smoothing", "noise", "iterations")).cameras
     stage(progress, "method")
     tracks, visible = given.tracks, given.visible
     if visible is not None and not method.handles_gaps:
@@ -91,6 +96,10 @@ def reconstruct(
     found = method.reconstruct(Observations(tracks, R, visible, scene.edges, progress), n_bodies)
     check(found, method.provides, scene.tracks)
     return replace(found, cleaned=given) if any(observations.values()) else found
+
+
+def _named(settings: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: settings[name] for name in names if name in settings}
 
 
 def check(reconstruction: Reconstruction, provides: frozenset[str], tracks: Array) -> None:

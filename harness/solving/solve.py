@@ -23,7 +23,7 @@ from nrsfm.harness.solving.solution import FROM_FILE, NO_CAMERAS, Solution
 from nrsfm.methods.base import Method, Progress
 from nrsfm.methods.registry import build_method
 
-CAMERAS = (AUTO, "known", "estimated")
+CAMERAS = (AUTO, "known", "estimated", "refined")
 
 
 def load(
@@ -73,8 +73,9 @@ def solve(
         labels.
     method : str or Method
         A name of ``nrsfm list methods``, or an instance of any method.
-    cameras : {"auto", "known", "estimated"}
-        ``auto`` takes the scene's cameras where it has them, and otherwise estimates them from the tracks.
+    cameras : {"auto", "known", "estimated", "refined"}
+        ``auto`` takes the scene's cameras where it has them, and otherwise estimates them from the tracks. ``refined``
+        refines the estimate, for cameras that turn smoothly.
     rank : int, optional
         K, the number of basis shapes for the estimation of cameras; see ``conf/cameras/estimated.yaml``.
     overrides : sequence of str
@@ -102,7 +103,8 @@ def solve(
     known = cameras == "known" or (cameras == AUTO and scene.cameras is not None)
     if known and scene.cameras is None:
         raise UsageError("there are no cameras in the file; leave 'known' out to have them estimated")
-    words = [f"cameras={'known' if known else 'estimated'}", "observations=cleaned", *overrides]
+    source = "known" if known else "refined" if cameras == "refined" else "estimated"
+    words = [f"cameras={source}", "observations=cleaned", *overrides]
     if rank is not None and not known:
         words.append(f"cameras.rank={rank}")
     if isinstance(method, str):
@@ -121,13 +123,14 @@ def solve(
         found = reconstruct(
             scene, solver, n_bodies, config["cameras"], config["observations"], memory_gb=limit, progress=progress
         )
-    source = FROM_FILE if known else f"the tracks, K = {config['cameras'].get('rank')}"
+    estimated = f"the tracks, K = {config['cameras'].get('rank')}{', refined' * (source == 'refined')}"
+    origin = FROM_FILE if known else estimated
     return Solution(
         scene=scene,
         found=found if solver.uses_cameras else replace(found, cameras=None),
         method=name,
         parameters=parameters,
-        cameras_from=source if solver.uses_cameras else NO_CAMERAS,
+        cameras_from=origin if solver.uses_cameras else NO_CAMERAS,
         counted=n_bodies is None,
         seconds=time.perf_counter() - start,
     )

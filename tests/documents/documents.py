@@ -212,6 +212,10 @@ RULES = (
     Rule(r"nrsfm run experiment=(table1|table2|tables)", "dataset=face_yoga method=edsc,adaptive"),
     Rule(r"nrsfm run experiment=dancers", "method=edsc"),
     Rule(r"nrsfm run experiment=ours_search", "dataset=face_yoga setting=short method.max_iter=5"),
+    Rule(r"nrsfm run experiment=adaptive_search", "dataset=face_yoga noise.level=0 method.l1=[0.1,0.5]"),
+    Rule(r"nrsfm run experiment=cameras", "dataset=face_yoga noise.level=0 cameras=refined"),
+    Rule(r"nrsfm run experiment=smoothing", "dataset=face_yoga noise.level=0 method.smoothing=30"),
+    Rule(r"nrsfm run experiment=ablation", "dataset=face_yoga noise.level=0 cameras=known method=adaptive"),
     Rule(r"nrsfm run experiment=table3", "dataset.take=p2_free_2 method=edsc", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=table4", "dataset.face=1", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=two_person", "dataset.take=salsa_01 cameras=known method=edsc", data=True),

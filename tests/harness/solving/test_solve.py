@@ -232,8 +232,9 @@ def test_any_method_and_setting(scene: Scene, tmp_path: Path, nrsfm: Shell) -> N
     held = names(tmp_path / "labels only")
     assert held == NAMES - {"structure.csv", "cameras.csv", "ply"}
     assert "cameras       not used" in done.stdout and "reprojection" not in done.stdout
-    done = nrsfm("solve", path, "--method", "bmm", "--cameras", "estimated", "--rank", "3", "method.max_iter=50")
-    assert done.returncode == 0 and "from the tracks, K = 3" in done.stdout and "bodies" not in done.stdout
+    for cameras, said in (("estimated", "the tracks, K = 3"), ("refined", "the tracks, K = 3, refined")):
+        done = nrsfm("solve", path, "--method", "bmm", "--cameras", cameras, "--rank", "3", "method.max_iter=50")
+        assert done.returncode == 0 and f"from {said}\n" in done.stdout and "bodies" not in done.stdout
     again = nrsfm("solve", path, "method.max_iter=2")
     assert "2 iterations" in again.stdout and "NOT below the tolerance" in again.stdout
     assert "bodies" in again.stdout  # its own folder, written anew

@@ -127,14 +127,15 @@ def test_a_trial_reports_its_stages(settings: Settings) -> None:
         def __call__(self, *iteration: object) -> None:
             pass
 
-    for cameras in ("known", "estimated"):
+    estimation = {"known": [], "estimated": ["cameras"], "refined": ["cameras", "cameras and structure"]}
+    for cameras, before in estimation.items():
         words = ["dataset.points=8", "dataset.frames=12", "method=bmm_ssc3d", f"cameras={cameras}"]
         ((trial, _),) = expand(words)
         listener = Listener()
         blank = Outcome("k", "s", "failed", "d", "m", cameras, "", "", 0.0, 0)
         worker.compute(trial, blank, settings.data, False, progress=listener)
         own = ["method", "structure", "clustering", "metrics"]
-        assert listener.stages == ["scene", *(["cameras"] if cameras == "estimated" else []), *own]
+        assert listener.stages == ["scene", *before, *own]
 
 
 def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> None:
