@@ -9,6 +9,7 @@
 # make test-site  the documentation is built without a warning, and its links lead somewhere
 # make docs     the documentation as a site, in build/docs
 # make picture the moving picture of the README, in docs/dancers.gif
+# make trust    the table of docs/trust.md, on the real sequences; about half an hour
 # make dist     the wheel and the source distribution, in dist/
 # make fuzz     damaged and hostile files for every reader: FUZZ_EXAMPLES made, then FUZZ_SECONDS of each by coverage
 # make hooks    run lint, types and import contracts at every commit, by pre-commit
@@ -26,7 +27,7 @@ apt = { command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && apt-get update -
 TEX := texlive-latex-base texlive-latex-recommended texlive-latex-extra
 
 .PHONY: help install tables test check lint types contracts coverage test-server test-site validate validate-tracking browser tex postgres shells \
-  bench fuzz picture docs dist hooks format clean
+  bench fuzz picture trust docs dist hooks format clean
 
 help:
 	@grep -E '^# make' Makefile | cut -c3-
@@ -113,6 +114,9 @@ fuzz: $(INSTALLED)
 
 picture: $(INSTALLED)
 	$(BIN)/python -m tests.documents.picture docs/dancers.gif
+
+trust: $(INSTALLED)
+	$(BIN)/python -m tests.documents.trust docs/trust.md
 
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html --doctree-dir build/doctrees docs build/docs

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrsfm.datasets.body import Array, no_edges, observed
+from nrsfm.datasets.corruption import corrupt
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.gaps import drop
 from nrsfm.datasets.noise import add_noise
@@ -122,6 +124,10 @@ class Scene:
         if visible.all():
             return self
         return replace(self, tracks=np.where(visible[:, None], self.tracks, np.nan), visible=visible)
+
+    def with_corruption(self, repeat: int = 0, **amounts: Any) -> Scene:
+        """A copy with corrupted tracks (see :func:`nrsfm.datasets.corruption.corrupt`); the truth stays as it is."""
+        return replace(self, tracks=corrupt(self.tracks, self.name, repeat=repeat, **amounts))
 
 
 def _check_gaps(name: str, W: Array, visible: NDArray[np.bool_]) -> None:

@@ -70,6 +70,31 @@ class Observations:
 
 
 @dataclass(frozen=True, eq=False)
+class Cleaned:
+    """Tracks as a method gets them, and what was taken out of them before. What was not looked for is None.
+
+    Parameters
+    ----------
+    tracks : (F, 2, P) array
+        Image coordinates divided by the scales; NaN where not visible.
+    visible : (F, P) bool array or None
+        False where a track is not observed or was an outlier; None if all count.
+    outliers : (F, P) bool array or None
+        Observations that do not fit the motion around them.
+    scales : (F,) array or None
+        Scale of each frame, of geometric mean 1; all 1 where the tracks show no change of scale.
+    scale_gain : float or None
+        Evidence for a change of scale, see :func:`nrsfm.methods.observed.scale.estimate_scales`.
+    """
+
+    tracks: Array
+    visible: Mask | None = None
+    outliers: Mask | None = None
+    scales: Array | None = None
+    scale_gain: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """The result of a method. Absent parts are None: a method never fills in what it does not compute.
 
@@ -85,6 +110,8 @@ class Reconstruction:
         What was clustered.
     history : mapping of str to (T,) array
         Curves by iteration: ``objective``, residuals, ``seconds`` of CPU time and ``operations``.
+    cleaned : Cleaned or None
+        The tracks that the method was given, where outliers or scales were looked for; set by the harness.
     """
 
     labels: Labels | None = None
@@ -92,6 +119,7 @@ class Reconstruction:
     cameras: Array | None = None
     affinity: Array | sp.sparray | None = None
     history: Mapping[str, Array] = field(default_factory=dict)
+    cleaned: Cleaned | None = None
 
 
 class Method(BaseEstimator):  # type: ignore[misc]

@@ -107,7 +107,7 @@ def as_configured(runs: Iterable[Tracked], methods: Iterable[str]) -> list[Track
         if run.outcome.status == OK
         and not run.outcome.stand_in
         and run.outcome.parameters.get("method") == settings.get(run.outcome.method)
-        and not run.outcome.parameters.get("gaps")
+        and not run.outcome.gaps
         and not scene_words(run.outcome.parameters.get("dataset", {}))
     ]
 

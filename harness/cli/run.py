@@ -126,6 +126,8 @@ def _print_summary(sweep: Sweep) -> None:
     print(f"{total} trial{'' if total == 1 else 's'}: {', '.join(parts)}. Output: {sweep.settings.output}")
     if any(not entry.ran and entry.status != OK for entry in entries):
         print("Trials that failed before are not repeated; rerun=failed runs them again.")
+    if stale := sum(not entry.ran and sweep.jobs[entry.key].stale for entry in entries):
+        print(f"The code or a library changed since {stale} of them ran; rerun=stale runs these again.")
     if trouble := sweep.tracking_trouble:
         uri = shown(sweep.settings.tracking_uri)
         place = f" tracking=server tracking.uri={uri}" if is_server(uri) else ""

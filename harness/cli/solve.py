@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from nrsfm.datasets.readers.trackfile import Asked
 
 Y = (AUTO, "down", "up")
-ALLOWED = ("method.", "+method.", "cameras.", "+cameras.", "limits.memory_gb=", "threads=", "hydra.searchpath=")
+ALLOWED = (
+    *("method.", "+method.", "cameras.", "+cameras.", "observations.", "limits.memory_gb=", "threads="),
+    "hydra.searchpath=",
+)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -32,7 +35,9 @@ def main(argv: Sequence[str]) -> int:
     """
     options = command_line().read(argv)
     if odd := [word for word in options.overrides if not word.startswith(ALLOWED)]:
-        raise UsageError(f"{odd[0]!r} is no override of method., cameras., limits.memory_gb or threads; see --help")
+        raise UsageError(
+            f"{odd[0]!r} is no override of method., cameras., observations., limits.memory_gb or threads; see --help"
+        )
     try:
         return _solve(options)
     except KeyboardInterrupt:
@@ -50,6 +55,7 @@ def _solve(options: argparse.Namespace) -> int:
     asked = Asked(_columns(options.columns), options.axes, options.confidence, options.y)
     scene = load_tracks(options.file.expanduser(), asked=asked)  # faults are found before anything slow is loaded
     from nrsfm.harness.config.settings import settings_of
+    from nrsfm.harness.record.fault import place_of
     from nrsfm.harness.solving.folder import VIEW, check_folder
     from nrsfm.harness.solving.solve import solve
     from nrsfm.methods.base import MethodError
@@ -75,7 +81,8 @@ def _solve(options: argparse.Namespace) -> int:
         raise
     except Exception as error:  # a method may raise anything
         message = " ".join(f"{type(error).__name__}: {error}".split())[:500]
-        print(f"nrsfm solve: {options.method} ended with {message}; '{again}' keeps the traceback", file=sys.stderr)
+        what = f"{options.method} ended with {message} ({place_of(error)})"
+        print(f"nrsfm solve: {what}; '{again}' keeps the traceback", file=sys.stderr)
         return 2
     solution.save(folder)
     print(solution)
@@ -163,7 +170,8 @@ nrsfm solve table.csv --columns frame=img,track=id,x=u,y=v --bodies 2
 nrsfm solve poses/  # a folder of OpenPose's or COCO's .json files
 nrsfm solve take.c3d  # markers in 3D, seen by a camera that circles; the truth is known
 nrsfm solve tracks.npz --bodies 2 --rank 7  # cameras from the tracks, which deform in 7 shapes
-nrsfm solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16""",
+nrsfm solve tracks.npz --bodies 2 method.max_iter=300 limits.memory_gb=16
+nrsfm solve tracks.npz --bodies 2 observations.robust=false observations.scale=false  # keep outliers and zoom""",
         """\
 fields of .npz and .mat, all but the tracks optional (rows of a frame stand together):
   tracks or W     (F, 2, P) or (2F, P), rows x, y      visible     (F, P), 1 where a track is observed
@@ -173,20 +181,24 @@ fields of .npz and .mat, all but the tracks optional (rows of a frame stand toge
 read as they are: arrays of CoTracker, TAPIR and SLEAP (.npz .npy .h5), tables of DeepLabCut and SLEAP (.csv),
 MOTChallenge (.txt), OpenPose's and COCO's .json. docs/own_tracks.md has them all.
 
-written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, affinity.csv, summary.txt,
-result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
+written into the folder: reconstruction.npz, structure.csv, labels.csv, cameras.csv, outliers.csv, affinity.csv,
+summary.txt, result.json, ply/frame_0000.ply and so on, and view.html (3D, for any browser, no network).
 
 exit codes: 0 solved, 2 the file cannot be used or the method failed, 3 wrong usage""",
     )
     parser.add_argument("file", type=Path, help="tracks, .npz .npy .mat .h5 .csv .txt .json .c3d, or a folder")
     parser.add_overrides(
-        only=("method.", "cameras.", "limits.", "threads="), more="; of the method, the cameras, memory or threads"
+        only=("method.", "cameras.", "observations.", "limits.", "threads="),
+        more="; of the method, the cameras, the cleaning of the tracks, memory or threads",
     )
     words = "how many bodies there are, or auto to have them counted, which is seldom right"
     parser.add_argument("--bodies", metavar="N", help=f"{words}; left out, the number of the file's labels")
     parser.add_words("--method", group_choices("method"), default="adaptive", help="any of 'nrsfm list methods'")
     parser.add_argument(
-        "--cameras", choices=("auto", "known", "estimated"), default="auto", help="the file's, if it has some"
+        "--cameras",
+        choices=("auto", "known", "estimated", "refined"),
+        default="auto",
+        help="the file's, if it has some",
     )
     parser.add_argument("--rank", type=int, metavar="K", help="shapes that the estimation of cameras allows (11)")
     parser.add_argument("--columns", metavar="A=B,...", help="the file's names: frame=img,track=id,x=u,y=v; tracks=xy")

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
+from nrsfm.datasets.corruption import ZOOMS
 from nrsfm.datasets.gaps import KINDS
 from nrsfm.harness.config.compose import WORDS, Missing, Rerun
 from nrsfm.harness.record.errors import UsageError
@@ -79,13 +80,44 @@ class Gaps(_Model):
     length: Any = None
 
 
+SHARE = "a number from 0 to less than 1"
+
+
+class Corruption(_Model):
+    """Outliers, jumps and zoom."""
+
+    outliers: float = Field(ge=0, lt=1, description=SHARE)
+    jumps: float = Field(ge=0, lt=1, description=SHARE)
+    zoom: float = Field(ge=0, lt=1, description=SHARE)
+    zooming: str = Field(pattern=f"^({'|'.join(ZOOMS)})$", description=f"one of {', '.join(ZOOMS)}")
+
+    @property
+    def any(self) -> bool:
+        return bool(self.outliers or self.jumps or self.zoom)
+
+
+class Observed(_Model):
+    """How tracks are cleaned before the method."""
+
+    robust: bool = Field(description="true or false")
+    scale: bool = Field(description="true or false")
+
+    @property
+    def any(self) -> bool:
+        return self.robust or self.scale
+
+
 class Cameras(_Model):
     """Known cameras, or how they are estimated."""
 
-    source: Literal["known", "estimated"] = Field(description="known or estimated")
+    source: Literal["known", "estimated", "refined"] = Field(description="known, estimated or refined")
     rank: Any = None
     start: Any = None
     refine: Any = None
+    turning: Any = None
+    smoothing: Any = None
+    noise: Any = None
+    iterations: Any = None
 
 
 class Tracking(_Model):
@@ -121,6 +153,8 @@ class Configuration(BaseModel):
     cameras: Cameras
     noise: Noise
     gaps: Gaps
+    corruption: Corruption
+    observations: Observed
     n_bodies: Annotated[int, Field(ge=1)] | Literal["auto"] | None = Field(
         description="a whole number >= 1, auto, or null for the scene's"
     )

@@ -85,13 +85,16 @@ def read_plain(plain: dict[str, Any]) -> tuple[Trial, Settings]:
         If a value is of the wrong kind, or a key is missing or unknown.
     """
     config = validated(plain)
-    noise, gaps = config.noise, config.gaps
+    noise, gaps, corruption = config.noise, config.gaps, config.corruption
+    drawn = noise.level or gaps.share or corruption.any
     trial = Trial(
         dataset=_named(plain["dataset"]),
         method=dict(plain["method"]),
         cameras=dict(plain["cameras"]),
-        noise={"level": noise.level, "repeat": noise.repeat if noise.level or gaps.share else 0},  # else one draw
+        noise={"level": noise.level, "repeat": noise.repeat if drawn else 0},  # else one draw
         gaps={} if gaps.kind == "none" or gaps.share == 0 else plain["gaps"] | {"share": gaps.share},
+        corruption=plain["corruption"] if corruption.any else {},
+        observations=plain["observations"] if config.observations.any else {},
         n_bodies=config.n_bodies,
     )
     return trial, Settings(

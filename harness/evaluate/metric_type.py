@@ -12,11 +12,13 @@ import numpy as np
 from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.alignment import align_polar, align_procrustes
+from nrsfm.harness.evaluate.trust import Trust, trust
 from nrsfm.methods.base import Array, Labels, Reconstruction
 
 T = TypeVar("T")
 
 NO_STRUCTURE = "no structure to compare"
+NO_CAMERAS = "no structure to compare, or no cameras"
 NO_LABELS = "no labels to compare"
 
 
@@ -50,6 +52,11 @@ class Estimate:
     def structure(self) -> Array:
         """(F, 3, P) estimated structure, NaN where :attr:`truth` is, centred per frame."""
         return centre(np.where(np.isnan(self.truth), np.nan, needed(self.found.structure)))
+
+    @cached_property
+    def trust(self) -> Trust | None:
+        """How far the structure can be trusted, which needs no truth; None without a structure or cameras."""
+        return trust(self.scene, self.found, known_cameras=self.known_cameras)
 
     @cached_property
     def aligned(self) -> Array:

@@ -16,7 +16,7 @@ from nrsfm.datasets.body import centre, observed
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.alignment import centre_bodies, polar_factor, procrustes
 from nrsfm.harness.evaluate.matching import matched
-from nrsfm.harness.evaluate.metric_type import NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
+from nrsfm.harness.evaluate.metric_type import NO_CAMERAS, NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
 from nrsfm.methods.base import Array, Labels, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 from nrsfm.methods.numerics.linear import axes
@@ -34,7 +34,11 @@ def evaluate(scene: Scene, found: Reconstruction, *, known_cameras: bool, counte
     counted : bool
         Whether the method had to estimate the number of bodies.
     """
-    estimate = Estimate(scene, found, known_cameras)
+    return values_of(Estimate(scene, found, known_cameras), counted=counted)
+
+
+def values_of(estimate: Estimate, *, counted: bool = False) -> dict[str, float]:
+    """:func:`evaluate` of an estimate that is there already."""
     return {
         name: value
         for metric in METRICS
@@ -65,12 +69,26 @@ def brief(values: Mapping[str, float], n_points: int | None) -> list[str]:
 def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
     """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed.
 
-    NaN where the reconstruction has no structure or no cameras.
+    Where the tracks were cleaned, it is that of the cleaned ones, in units of the tracks at scale 1. NaN where the
+    reconstruction has no structure or no cameras.
     """
     if found.structure is None or found.cameras is None:
         return float("nan")
-    off = centre(centre(scene.tracks) - found.cameras @ found.structure)
+    off = image_residuals(scene, found)
     return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+
+def tracks_of(scene: Scene, found: Reconstruction) -> Array:
+    """(F, 2, P) tracks that the method was given: the cleaned ones, where they were cleaned."""
+    return scene.tracks if found.cleaned is None else found.cleaned.tracks
+
+
+def image_residuals(scene: Scene, found: Reconstruction) -> Array:
+    """W - R S - t 1', (F, 2, P), t the best translation of each frame; NaN where tracks are not visible.
+
+    The reconstruction has structure and cameras.
+    """
+    return centre(centre(tracks_of(scene, found)) - needed(found.cameras) @ needed(found.structure))
 
 
 def e_3d(estimate: Array, truth: Array) -> float:
@@ -174,8 +192,8 @@ def _by_body(estimate: Estimate) -> dict[int, float]:
 
 
 def _reprojection(estimate: Estimate) -> float:
-    W, S = centre(estimate.scene.tracks), needed(estimate.found.structure)
-    return float(_norm(centre(W - needed(estimate.found.cameras) @ S)) / _norm(W))
+    tracks = tracks_of(estimate.scene, estimate.found)
+    return float(_norm(image_residuals(estimate.scene, estimate.found)) / _norm(centre(tracks)))
 
 
 def _rotation(estimate: Estimate) -> float:
@@ -198,6 +216,15 @@ def _eigengap(estimate: Estimate) -> float:
     if n > MOST:
         raise Absent
     return float(eigengaps(affinity)[n - 1])
+
+
+def _trusted(name: str, definition: str, label: str = "", unit: str = "relative") -> Metric:
+    """A figure of :class:`nrsfm.harness.evaluate.trust.Trust`, which needs no truth."""
+
+    def figure(estimate: Estimate) -> float:
+        return needed(estimate.trust).figures[name]
+
+    return Metric(name, figure, definition, label=label, unit=unit, better="", absent=NO_CAMERAS)
 
 
 METRICS = (
@@ -263,9 +290,15 @@ METRICS = (
         "reprojection",
         _reprojection,
         r"$\lVert W - \hat R \hat S \rVert / \lVert W \rVert$, of the visible tracks, centred",
-        absent="no structure to compare, or no cameras",
+        absent=NO_CAMERAS,
         summary="{reprojection:.3g} of the tracks' size, {rms:.3g} in their units (rms)",
     ),
+    _trusted("expected_e_3d", "the `e_3d_dai` to expect, [without the truth](trust.md)", label="expected e_3D"),
+    _trusted("expected_depth", "the part of `expected_e_3d` that images leave open"),
+    _trusted("expected_cameras", "the part of `expected_e_3d` that estimated cameras bring"),
+    _trusted("expected_images", "the part of `expected_e_3d` that tracks bring which the structure does not fit"),
+    _trusted("camera_turn", "degrees over which the cameras' viewing directions are spread", unit=""),
+    _trusted("depth_ratio", "spread of depth over that of an image axis", unit=""),
     Metric(
         "e_r",
         _rotation,

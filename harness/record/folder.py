@@ -29,6 +29,7 @@ LARGEST_RECORD = 4 << 20  # bytes
 MOST_LABELS = 1000
 #: Shapes of a trial's arrays by letter: F frames, P tracks, digits for themselves, other letters for any size.
 SHAPES = {"tracks": "F2P", "structure": "F3P", "true_structure": "F3P", "cameras": "F23", "visible": "FP"}
+SHAPES |= {"outliers": "FP", "scales": "F"}
 SHAPES |= {"labels": "P", "true_labels": "P", "edges": "E2", "alignment": "33", "affinity": "PP"}
 SHAPES |= {"affinity_rows": "N", "affinity_columns": "N", "affinity_values": "N", "affinity_size": ""}
 
@@ -132,7 +133,7 @@ def _misfit(name: str, stored: Mapping[str, NDArray[Any]]) -> str:
     fits = value.ndim == len(shape) and all(size in (None, n) for n, size in zip(value.shape, shape, strict=True))
     if not fits or (name == "tracks" and 0 in value.shape):
         return f"{name[:40]!a} has shape {value.shape}, which does not fit the tracks"
-    if value.dtype.kind not in ("b" if name == "visible" else "iu" if name in INDICES else "fiu"):
+    if value.dtype.kind not in ("b" if name in ("visible", "outliers") else "iu" if name in INDICES else "fiu"):
         return f"{name[:40]!a} holds {value.dtype}"
     top = min(sizes["P"], MOST_LABELS) if name.endswith("labels") else sizes["P"]
     if name == "affinity_size":

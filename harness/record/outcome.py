@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Lt, Predicate
 
-from nrsfm.harness.record.trial import GROUPS, Trial, gap_words
+from nrsfm.harness.record.trial import GROUPS, Trial, corruption_words, gap_words, observation_words
 from nrsfm.harness.record.untrusted import checked
 
 if TYPE_CHECKING:
@@ -38,10 +38,13 @@ def _is_time(text: str) -> bool:
 
 
 def _has_readable_gaps(parameters: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether the gaps, where there are any, have a kind and a share, which :func:`gap_words` prints."""
+    """Whether gaps and corruption, where there are any, have the numbers that :attr:`Outcome.gaps` prints."""
     gaps = parameters.get("gaps") or {"kind": "", "share": 0}
-    share = gaps.get("share")
-    return isinstance(gaps.get("kind"), str) and isinstance(share, int | float) and abs(share) < math.inf
+    corruption = parameters.get("corruption", {})
+    amounts = [gaps.get("share"), *(corruption.get(name, 0) for name in ("outliers", "jumps", "zoom"))]
+    words = (gaps.get("kind"), corruption.get("zooming", ""))
+    numbers = all(isinstance(amount, int | float) and abs(amount) < math.inf for amount in amounts)
+    return numbers and all(isinstance(word, str) for word in words)
 
 
 #: Types of a record's fields, with bounds that nothing counted or measured here exceeds.
@@ -131,8 +134,12 @@ class Outcome:
 
     @property
     def gaps(self) -> str:
-        """``random 0.2``: the kind and share of dropped observations; "" for none."""
-        return gap_words(self.parameters.get("gaps", {}))
+        """What was done to the observations: ``random 0.2, outliers 0.05, robust``; "" for nothing.
+
+        Kind and share of what was dropped, the corruption, and how the tracks were cleaned.
+        """
+        words = {"gaps": gap_words, "corruption": corruption_words, "observations": observation_words}
+        return ", ".join(text for name, of in words.items() if (text := of(self.parameters.get(name, {}))))
 
     @property
     def identity(self) -> tuple[Any, ...]:

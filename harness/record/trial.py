@@ -11,7 +11,9 @@ from typing import Any
 from nrsfm.harness.record.parameters import flatten
 
 #: The groups of the configuration that make a trial.
-GROUPS = ("dataset", "method", "cameras", "noise", "gaps")
+GROUPS = ("dataset", "method", "cameras", "noise", "gaps", "corruption", "observations")
+#: Those of them that are left out of a trial's identity where they are empty.
+OPTIONAL = ("gaps", "corruption", "observations")
 
 #: ``n_bodies`` where the method estimates the number of bodies.
 AUTO = "auto"
@@ -28,6 +30,17 @@ def gap_words(gaps: Mapping[str, Any]) -> str:
     return f"{gaps['kind']} {gaps['share']:g}" if gaps else ""
 
 
+def corruption_words(corruption: Mapping[str, Any]) -> str:
+    """Kinds and amounts of a trial's corruption, as in ``outliers 0.05, smooth zoom 0.3``; "" for none."""
+    names = {name: name for name in ("outliers", "jumps")} | {"zoom": f"{corruption.get('zooming')} zoom"}
+    return ", ".join(f"{word} {corruption[name]:g}" for name, word in names.items() if corruption.get(name))
+
+
+def observation_words(observations: Mapping[str, Any]) -> str:
+    """How a trial's tracks are cleaned before the method, ``robust, scale``; "" for not at all."""
+    return ", ".join(name for name in ("robust", "scale") if observations.get(name))
+
+
 @dataclass(frozen=True)
 class Trial:
     """One method on one scene under one setting: the resolved configuration, without paths.
@@ -40,12 +53,14 @@ class Trial:
     cameras: Mapping[str, Any]
     noise: Mapping[str, Any]
     gaps: Mapping[str, Any] = field(default_factory=dict)
+    corruption: Mapping[str, Any] = field(default_factory=dict)
+    observations: Mapping[str, Any] = field(default_factory=dict)
     n_bodies: int | str | None = None
 
     @property
     def setting(self) -> str:
         """Hash of the configuration alone, whatever the data and the code."""
-        return digest({name: value for name, value in asdict(self).items() if name != "gaps" or value})
+        return digest({name: value for name, value in asdict(self).items() if name not in OPTIONAL or value})
 
     def key(self, data: str, version: str) -> str:
         """Hash of the setting, the digest of the data and the version of the method: the trial's identity."""
@@ -59,6 +74,7 @@ class Trial:
             words.append(f"noise={self.noise['level']:g}#{self.noise['repeat']}")
         if self.gaps:
             words.append(f"gaps={gap_words(self.gaps)}")
+        words += [text for text in (corruption_words(self.corruption), observation_words(self.observations)) if text]
         if self.n_bodies is not None:
             words.append(f"n_bodies={self.n_bodies}")
         if self.cameras["source"] != "known":

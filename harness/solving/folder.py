@@ -16,9 +16,10 @@ MADE_BY = "nrsfm solve"  # in result.json: the mark of a solution's folder
 
 RESULT, SUMMARY, ARRAYS, VIEW, CLOUDS = "result.json", "summary.txt", "reconstruction.npz", "view.html", "ply"
 STRUCTURE, LABELS, CAMERAS, AFFINITY = "structure.csv", "labels.csv", "cameras.csv", "affinity.csv"
+OUTLIERS = "outliers.csv"
 
 #: Everything that a solution's folder may hold.
-NAMES = frozenset({RESULT, SUMMARY, ARRAYS, VIEW, CLOUDS, STRUCTURE, LABELS, CAMERAS, AFFINITY})
+NAMES = frozenset({RESULT, SUMMARY, ARRAYS, VIEW, CLOUDS, STRUCTURE, LABELS, CAMERAS, AFFINITY, OUTLIERS})
 
 
 def check_folder(folder: Path) -> None:

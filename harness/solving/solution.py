@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.matching import matched, readable
-from nrsfm.harness.evaluate.metrics import METRICS, by_frame, evaluate, reprojection_rms
+from nrsfm.harness.evaluate.metric_type import Estimate
+from nrsfm.harness.evaluate.metrics import METRICS, by_frame, reprojection_rms, values_of
+from nrsfm.harness.evaluate.trust import Trust
 from nrsfm.harness.record.environment import environment
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import pack
 from nrsfm.harness.solving import export, folder
-from nrsfm.methods.base import Array, Labels, Reconstruction
+from nrsfm.methods.base import Array, Labels, Mask, Reconstruction
 from nrsfm.reports.figures.skeleton import stable_edges
 from nrsfm.reports.page.solution_page import Shown, view
 
@@ -86,6 +88,16 @@ class Solution:
         """(P, P) affinity that was clustered."""
         return self.found.affinity
 
+    @property
+    def scales(self) -> Array | None:
+        """(F,) scale of each frame that was taken out of the tracks; None where it was not looked for."""
+        return None if self.found.cleaned is None else self.found.cleaned.scales
+
+    @property
+    def outliers(self) -> Mask | None:
+        """(F, P) observations that were taken for missing; None where outliers were not looked for."""
+        return None if self.found.cleaned is None else self.found.cleaned.outliers
+
     @cached_property
     def labels(self) -> Labels | None:
         """(P,) body of each track, an index into :attr:`bodies`; None if the method gives none.
@@ -110,9 +122,18 @@ class Solution:
         return self.cameras_from == FROM_FILE
 
     @cached_property
+    def _estimate(self) -> Estimate:
+        return Estimate(self.scene, self.found, self.known_cameras)
+
+    @cached_property
     def metrics(self) -> dict[str, float]:
         """Errors against the truth, as far as it is known: see :func:`nrsfm.harness.evaluate.metrics.evaluate`."""
-        return evaluate(self.scene, self.found, known_cameras=self.known_cameras, counted=self.counted)
+        return values_of(self._estimate, counted=self.counted)
+
+    @property
+    def trust(self) -> Trust | None:
+        """How far the structure can be trusted; None if the method gives none, or uses no cameras."""
+        return self._estimate.trust
 
     @property
     def convergence(self) -> Convergence | None:
@@ -146,15 +167,44 @@ class Solution:
         scene = self.scene
         gaps = 0.0 if scene.visible is None else 1 - float(scene.visible.mean())
         return [
+            *(("trust", str(self.trust)) for _ in range(self.trust is not None)),
             ("frames", str(scene.n_frames)),
             ("tracks", f"{scene.n_points}, {f'{gaps:.1%}' if gaps else 'none'} of the observations missing"),
             *(("note", note) for note in scene.notes),
+            *self._cleaning(),
             ("method", self.method),
             ("cameras", f"from {self.cameras_from}" if self.cameras_from != NO_CAMERAS else "not used"),
             *self._bodies_and_metrics(),
             ("convergence", str(self.convergence or "the method records no iterations")),
             ("time", f"{self.seconds:.1f} s"),
         ]
+
+    def _cleaning(self) -> Iterator[tuple[str, str]]:
+        """What was taken out of the tracks."""
+        if (outliers := self.outliers) is not None:
+            n, tracks = int(outliers.sum()), int(outliers.any(axis=0).sum())
+            places = f"{n} of the observations ({outliers.mean():.2%}), on {tracks} of the tracks"
+            yield "outliers", f"{places}; taken for missing, listed in {folder.OUTLIERS}" if n else "none"
+        if (scales := self.scales) is not None:
+            words = (
+                f"from {scales.min():.3g} to {scales.max():.3g}, taken out; structure is in units of the tracks at 1"
+            )
+            yield "image scale", words if np.ptp(scales) else "no change that deformation does not explain"
+
+    def _outliers(self) -> list[dict[str, Any]]:
+        """Frame, track and residual of each outlier: its distance from R S, in units of the tracks at scale 1."""
+        cleaned = self.found.cleaned
+        if cleaned is None or cleaned.outliers is None:
+            return []
+        residuals = np.full(cleaned.outliers.shape, np.nan)
+        if self.structure is not None and self.cameras is not None:
+            images = self.cameras @ self.structure
+            shift = np.nanmean(cleaned.tracks - images, axis=2, keepdims=True)
+            scales = 1.0 if cleaned.scales is None else cleaned.scales[:, None, None]
+            residuals = np.linalg.norm(self.scene.tracks / scales - images - shift, axis=1)
+        places = np.argwhere(cleaned.outliers).tolist()
+        known = [(f, p, float(residuals[f, p]) if residuals[f, p] >= 0 else None) for f, p in places]
+        return [{"frame": self.frames[f], "track": self.ids[p], "residual": r} for f, p, r in known]
 
     def _bodies_and_metrics(self) -> Iterator[tuple[str, str]]:
         if self.labels is not None:
@@ -177,7 +227,8 @@ class Solution:
         ``reconstruction.npz`` (``structure`` (F, 3, P), ``labels`` (P,), ``cameras`` (F, 2, 3), ``affinity`` (P, P) or,
         where it is sparse, the rows, columns and values of its upper triangle; ``frame_ids``, ``track_ids``,
         ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
-        on, ``view.html``, ``summary.txt``, ``result.json``. Parts that the method does not give are left out.
+        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that there
+        are none of are left out.
 
         Returns the folder; raises UsageError if it holds anything else than a solution.
         """
@@ -243,7 +294,14 @@ class Solution:
 
     def _write_arrays(self, path: Path) -> None:
         parts = {name: getattr(self, name) for name in ("structure", "labels", "cameras", "affinity")}
-        parts |= {"visible": self.scene.visible, "edges": self.edges, "frame_ids": np.array(self.frames)}
+        parts |= {
+            "scales": self.scales,
+            "outliers": self.outliers,
+            "visible": self.scene.visible,
+            "edges": self.edges,
+            "frame_ids": np.array(self.frames),
+        }
+        parts |= {"expected_error": self.trust.tracks if self.trust else None}
         parts |= {"track_ids": np.array(self.ids), "bodies": np.array(self.bodies, dtype=str)}
         arrays: dict[str, Any] = pack(parts)
         np.savez_compressed(path, **arrays)
@@ -260,7 +318,12 @@ class Solution:
             export.write_csv(new / folder.LABELS, columns)
         if self.cameras is not None:
             entries = zip(("xx", "xy", "xz", "yx", "yy", "yz"), self.cameras.reshape(-1, 6).T, strict=True)
-            export.write_csv(new / folder.CAMERAS, {"frame": self.frames, **dict(entries)})
+            scale = {} if self.scales is None else {"scale": self.scales}
+            export.write_csv(new / folder.CAMERAS, {"frame": self.frames, **dict(entries), **scale})
+        if self.outliers is not None:
+            rows = self._outliers()
+            columns = {name: [row[name] for row in rows] for name in ("frame", "track", "residual")}
+            export.write_csv(new / folder.OUTLIERS, columns, "%.6g")
         if self.affinity is not None:
             export.write_affinity(new / folder.AFFINITY, self.affinity, self.ids)
 
@@ -273,7 +336,10 @@ class Solution:
             "method": self.method,
             "parameters": self.parameters,
             "cameras": self.cameras_from,
+            **({"trust": self.trust.record} if self.trust else {}),
             "facts": self.facts(),
+            **({} if self.scales is None else {"scales": self.scales.tolist()}),
+            **({} if self.outliers is None else {"outliers": self._outliers()}),
             "metrics": self.metrics,
             "seconds": self.seconds,
             **({"iterations": end.iterations, "residual": end.residual, "tolerance_met": end.met} if end else {}),

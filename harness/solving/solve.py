@@ -23,7 +23,7 @@ from nrsfm.harness.solving.solution import FROM_FILE, NO_CAMERAS, Solution
 from nrsfm.methods.base import Method, Progress
 from nrsfm.methods.registry import build_method
 
-CAMERAS = (AUTO, "known", "estimated")
+CAMERAS = (AUTO, "known", "estimated", "refined")
 
 
 def load(
@@ -73,12 +73,14 @@ def solve(
         labels.
     method : str or Method
         A name of ``nrsfm list methods``, or an instance of any method.
-    cameras : {"auto", "known", "estimated"}
-        ``auto`` takes the scene's cameras where it has them, and otherwise estimates them from the tracks.
+    cameras : {"auto", "known", "estimated", "refined"}
+        ``auto`` takes the scene's cameras where it has them, and otherwise estimates them from the tracks. ``refined``
+        refines the estimate, for cameras that turn smoothly.
     rank : int, optional
         K, the number of basis shapes for the estimation of cameras; see ``conf/cameras/estimated.yaml``.
     overrides : sequence of str
-        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``.
+        As in the shell: ``method.max_iter=200``, ``cameras.refine=false``, ``limits.memory_gb=16``, ``threads=2``;
+        ``observations.robust=false`` and ``observations.scale=false`` leave outliers and zoom in the tracks.
     progress : callable, optional
         Called after every iteration, see :data:`nrsfm.methods.base.Progress`. Its method ``stage``, if it has one, is
         called with the name of each stage.
@@ -101,7 +103,8 @@ def solve(
     known = cameras == "known" or (cameras == AUTO and scene.cameras is not None)
     if known and scene.cameras is None:
         raise UsageError("there are no cameras in the file; leave 'known' out to have them estimated")
-    words = [f"cameras={'known' if known else 'estimated'}", *overrides]
+    source = "known" if known else "refined" if cameras == "refined" else "estimated"
+    words = [f"cameras={source}", "observations=cleaned", *overrides]
     if rank is not None and not known:
         words.append(f"cameras.rank={rank}")
     if isinstance(method, str):
@@ -117,14 +120,17 @@ def solve(
     start = time.perf_counter()
     with threadpool_limits(int(config["threads"])):  # more threads are slower on small arrays
         limit = float(config["limits"]["memory_gb"])
-        found = reconstruct(scene, solver, n_bodies, config["cameras"], memory_gb=limit, progress=progress)
-    source = FROM_FILE if known else f"the tracks, K = {config['cameras'].get('rank')}"
+        found = reconstruct(
+            scene, solver, n_bodies, config["cameras"], config["observations"], memory_gb=limit, progress=progress
+        )
+    estimated = f"the tracks, K = {config['cameras'].get('rank')}{', refined' * (source == 'refined')}"
+    origin = FROM_FILE if known else estimated
     return Solution(
         scene=scene,
         found=found if solver.uses_cameras else replace(found, cameras=None),
         method=name,
         parameters=parameters,
-        cameras_from=source if solver.uses_cameras else NO_CAMERAS,
+        cameras_from=origin if solver.uses_cameras else NO_CAMERAS,
         counted=n_bodies is None,
         seconds=time.perf_counter() - start,
     )

@@ -138,6 +138,10 @@ class Plan:
         left = sum(i.outcome is not None and i.outcome.status != OK and not i.runs for i in self.trials)
         if left:
             yield f"{left} that failed are not repeated; rerun=failed runs them again"
+        if stale := sum(
+            i.outcome is not None and not i.runs and repeats(i.outcome, i.trial, "stale") for i in self.trials
+        ):
+            yield f"the code or a library changed since {stale} ran; rerun=stale runs them again"
 
 
 def plan(overrides: Sequence[str]) -> Plan:

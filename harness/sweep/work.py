@@ -60,6 +60,12 @@ class Job:
         record = self.record
         return record is None or repeats(record, self.trial, self.settings.rerun, self.old)
 
+    @property
+    def stale(self) -> bool:
+        """Whether the trial's record was computed by other code or other libraries."""
+        record = self.record
+        return record is not None and repeats(record, self.trial, "stale")
+
 
 @dataclass(frozen=True)
 class Work:

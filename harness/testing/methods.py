@@ -204,7 +204,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
 
 def _parts(subject: Subject, result: Reconstruction) -> None:
     try:
-        check_parts(result, subject.method.provides, subject.scene.tracks.shape)
+        check_parts(result, subject.method.provides, subject.scene.tracks)
     except MethodError as error:
         raise AssertionError(f"{subject.name}: {error}") from None
 

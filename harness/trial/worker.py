@@ -15,8 +15,9 @@ from nrsfm.datasets.errors import DatasetError, MissingData
 from nrsfm.datasets.registry import digest, load_scene
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate import metrics
-from nrsfm.harness.evaluate.reconstruct import reconstruct
+from nrsfm.harness.evaluate.reconstruct import AS_GIVEN, reconstruct
 from nrsfm.harness.record.errors import UsageError
+from nrsfm.harness.record.fault import place_of
 from nrsfm.harness.record.folder import ARRAYS, TRACEBACK, pack, write_atomically, write_record
 from nrsfm.harness.record.outcome import ABSENT, FAILED, OK, Outcome
 from nrsfm.harness.record.trial import AUTO, Trial
@@ -52,7 +53,7 @@ def work(
             raise
         text = " ".join(str(error).split()) or type(error).__name__
         if not isinstance(error, EXPECTED):
-            text = f"{type(error).__name__}: {text}"
+            text = f"{type(error).__name__}: {text} ({place_of(error)})"
             (folder / TRACEBACK).write_text(traceback.format_exc())
         status = ABSENT if isinstance(error, MissingData) else FAILED
         outcome = replace(blank, status=status, error=text[:2000])
@@ -81,11 +82,15 @@ def compute(
     n_bodies = _n_bodies(trial, scene)
     repeat = trial.noise["repeat"]
     noisy = scene.with_noise(trial.noise["level"], repeat)
+    if trial.corruption:
+        noisy = noisy.with_corruption(repeat, **trial.corruption)
     if trial.gaps:
         noisy = noisy.with_gaps(**trial.gaps, repeat=repeat)
     method = build_method({k: v for k, v in trial.method.items() if k != "name"})
     known = trial.cameras["source"] == "known"
-    solution = reconstruct(noisy, method, n_bodies, trial.cameras, memory_gb=memory_gb, progress=progress)
+    solution = reconstruct(
+        noisy, method, n_bodies, trial.cameras, trial.observations or AS_GIVEN, memory_gb=memory_gb, progress=progress
+    )
     stage(progress, "metrics")
     auto = n_bodies is None
     if auto and solution.labels is not None:
@@ -96,6 +101,8 @@ def compute(
     parts = {name: getattr(solution, name) for name in ("structure", "labels", "affinity", "cameras")}
     parts |= {"tracks": noisy.tracks, "visible": noisy.visible}
     parts |= {"true_structure": scene.structure, "true_labels": scene.labels, "edges": scene.edges}
+    if solution.cleaned is not None:
+        parts |= {"scales": solution.cleaned.scales, "outliers": solution.cleaned.outliers}
     parts |= metrics.by_frame(noisy, solution, known_cameras=known)
     return outcome, pack(parts) | {f"history_{name}": values for name, values in solution.history.items()}
 

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Progress, Reconstruction
+from nrsfm.methods.base import Array, Method, MethodError, Observations, Progress, Reconstruction
 from nrsfm.methods.clustering.spectral import spectral_clustering
-from nrsfm.methods.gaps import complete_by
+from nrsfm.methods.gaps import complete
 from nrsfm.methods.multibody.motion import directions, noise_variance, spectrum
 from nrsfm.methods.multibody.problem import DIAGONALS, Gaps, Problem, State, minimise, solve_code
 from nrsfm.methods.numerics.admm import Admm
@@ -191,7 +191,7 @@ class AdaptiveMultiBody(Method):
 
     provides = frozenset({"labels", "structure"})
     handles_gaps = True
-    version = "4"
+    version = "5"
 
     l1: Sequence[float] = (0.1, 0.5)
     whitening: Sequence[float] = (0.7, 0.5)
@@ -210,12 +210,9 @@ class AdaptiveMultiBody(Method):
         cameras, progress = observations.required_cameras(), observations.progress
         base.check_bodies(n_bodies, observations.tracks.shape[2], least=1)
         self._check_settings()
-
-        def smooth(W: Array, cameras: Array, visible: Mask) -> Array:
-            smoothness = Smoothness(cameras, self.smoothing)
-            return fit_smooth(W, smoothness, visible=visible, progress=progress).structure
-
-        data = base.standardise(complete_by(observations, smooth))
+        if observations.visible is not None:
+            observations.stage("gaps")
+        data = base.standardise(complete(observations.tracks, observations.visible))
         observations.stage("weights")
         problem, state = self.adapt(data.W, cameras, progress)
         observations.stage("structure and code")

@@ -13,6 +13,9 @@ import scipy.fft
 
 from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Reconstruction, check_count, standardise
 
+#: Weight of the velocities' energy where tracks have gaps, in standardised units.
+GAPS = 1e-3
+
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class PTA(Method):
@@ -26,6 +29,7 @@ class PTA(Method):
 
     provides = frozenset({"structure"})
     handles_gaps = True
+    version = "2"
 
     rank: int = 9
 
@@ -56,8 +60,10 @@ def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None =
     """The (F, 3, P) structure on the basis that minimises |W - R S|: least squares for each point.
 
     W = R (Theta x I_3) A = Lambda A, (2F, 3K) times (3K, P), eq. (7) of the conference paper. Of several solutions, as
-    for cameras that move too little, that of the least norm. Where a track has a gap, its rows are left out; the
-    translation of such a frame is the visible points' mean.
+    for cameras that move too little, that of the least norm. Where tracks have gaps, hidden rows are left out, and the
+    translation of such a frame is the visible points' mean. What is left hardly determines the basis: over half of the
+    frames the cosines are nearly dependent. So :data:`GAPS` times the sum of k^2 |a_k|^2 over the vectors k is added,
+    the energy of the points' velocities, which is free for a point at rest.
 
     Parameters
     ----------
@@ -75,8 +81,10 @@ def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None =
         A = np.linalg.lstsq(Lambda, W.reshape(2 * F, P), rcond=None)[0]
     else:
         A = np.empty((3 * rank, P))
+        velocity = np.diag(np.sqrt(GAPS) * np.repeat(np.arange(rank), 3))
         for p in range(P):
             seen = np.repeat(visible[:, p], 2)
-            A[:, p] = np.linalg.lstsq(Lambda[seen], W[:, :, p].reshape(2 * F)[seen], rcond=None)[0]
+            right = np.concatenate([W[:, :, p].reshape(2 * F)[seen], np.zeros(3 * rank)])
+            A[:, p] = np.linalg.lstsq(np.vstack([Lambda[seen], velocity]), right, rcond=None)[0]
     S: Array = np.einsum("fk,kjp->fjp", Theta, A.reshape(rank, 3, P))
     return S

@@ -96,6 +96,18 @@ def factor(W: Array, rank: int) -> Array:
     return M
 
 
+def orthonormality(tracks: Array, cameras: Array, rank: int = RANK) -> float:
+    """How far (F, 2, 3) cameras are from the factorisation of (F, 2, P) tracks to rank 3K: rms over rows of M G - R.
+
+    G is the best one for the cameras. 0 for the cameras of tracks of that rank. Where it is not, the metric constraints
+    cannot be met, and the cameras are wrong by many times as much.
+    """
+    M = factor(standardise(tracks).W, rank)
+    M, R = M.reshape(-1, M.shape[2]), cameras.reshape(-1, 3)
+    off = M @ np.linalg.lstsq(M, R, rcond=None)[0] - R
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
 def metric_upgrade(M: Array, start: str = "trace_norm", refined: bool = True) -> tuple[Array, float]:
     """G (n, 3) that makes the rows of M G orthogonal and of one length per frame, and the sum of squares that is left.
 

@@ -176,6 +176,15 @@ STUDY_TABLES: Mapping[str, Layout] = {
         pools={"pairs": BODIES["pairs"]},
         parts=Layout("Pair by pair", ""),
     ),
+    "cameras": Layout(
+        title="Cameras: known, estimated, refined",
+        caption="The eight pairs, clean and with 1 per cent of noise, cameras known, from the tracks, and refined with "
+        "the structure: means over the pairs.",
+        methods=columns("adaptive"),
+        metrics=(metrics.pooled(metrics.E_R, "mean"), metrics.MEAN_3D, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", "", metrics=(metrics.E_R, metrics.E_3D, metrics.E_MS)),
+    ),
     "ablation": Layout(
         title="What each ingredient is worth",
         caption="The eight pairs, clean and with 1 and 3 per cent of noise, cameras known and from the tracks: means "
@@ -201,6 +210,20 @@ STUDY_TABLES: Mapping[str, Layout] = {
         pools={"pairs": BODIES["pairs"]},
         parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_3D_HIDDEN, metrics.E_MS)),
         notes=(notes.HIDDEN, notes.ADAPTIVE),
+    ),
+    "cleaning": Layout(
+        title="Outliers, jumps and zoom",
+        caption="The eight pairs with corrupted tracks, which the methods get as they are or cleaned: means over the "
+        "pairs.",
+        methods=tuple(
+            Method(name, where={"observations.robust": robust}, label=f"{label}, {words}")
+            for name, label in (("adaptive", "adaptive"), ("bmm_ssc3d_share70", "BMM+SSC(3D), share .7"))
+            for robust, words in ((None, "as given"), (True, "cleaned"))
+        ),
+        metrics=(metrics.MEAN_3D, metrics.MEAN_TRACKS),
+        pools={"pairs": BODIES["pairs"]},
+        parts=Layout("Pair by pair", "", metrics=(metrics.E_3D, metrics.E_MS)),
+        notes=(notes.ADAPTIVE,),
     ),
     "count_bodies": Layout(
         title="How many bodies",

@@ -191,6 +191,8 @@ def _judge(cell: Cell, metric: TableMetric, setting: Setting, published_points: 
         return replace(cell, reason="no published number")
     if setting.level:
         return replace(cell, reason="noise added; the published number is without")
+    if setting.corruption:
+        return replace(cell, reason="tracks corrupted; the published number is without")
     if setting.gaps:
         return replace(cell, reason="observations dropped; the published number is without")
     if metric.counts and (cell.wrong is None or not cell.points):

@@ -10,7 +10,14 @@ from nrsfm.harness.record.outcome import OK
 from nrsfm.harness.record.parameters import flatten
 from nrsfm.harness.record.text import one_line
 from nrsfm.harness.record.tracked import Answer, Tracked
-from nrsfm.harness.record.trial import Trial, differing_keys, digest, gap_words
+from nrsfm.harness.record.trial import (
+    Trial,
+    corruption_words,
+    differing_keys,
+    digest,
+    gap_words,
+    observation_words,
+)
 from nrsfm.reports.layouts.layout import SCENE, Layout, Method, scene_words, setting_text
 from nrsfm.reports.tables.model import Setting
 
@@ -100,13 +107,15 @@ def _place(trial: Trial, design: Layout, swept: Sequence[str]) -> Place:
     """The dataset and the setting of a trial, without the settings in which columns differ."""
     scene = flatten(trial.dataset)
     words = [scene_words(trial.dataset), *(f"{key} {setting_text(scene[key])}" for key in swept if key in scene)]
-    by_column = any("cameras.source" in method.where for method in design.methods)
+    by_column = {path for method in design.methods for path in method.where}
     return one_line(trial.dataset["name"]), Setting(
-        cameras="" if by_column else one_line(trial.cameras.get("source", "known")),
+        cameras="" if "cameras.source" in by_column else one_line(trial.cameras.get("source", "known")),
         placement=setting_text(trial.dataset.get("placement", "")),
         motion=setting_text(trial.dataset.get("motion", "")),
         scene=", ".join(filter(None, words)),
         level=float(trial.noise.get("level", 0.0)),
         gaps=one_line(gap_words(trial.gaps)),
+        corruption=one_line(corruption_words(trial.corruption)),
+        observations="" if "observations.robust" in by_column else observation_words(trial.observations),
         bodies=trial.n_bodies,
     )

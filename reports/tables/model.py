@@ -47,6 +47,8 @@ class Setting:
     scene: str = ""  #: other settings of the scene that are not the defaults
     level: float = 0.0  #: noise, as a share of the largest image coordinate
     gaps: str = ""  #: observations dropped: kind and share
+    corruption: str = ""  #: outliers, jumps, zoom: kinds and amounts
+    observations: str = ""  #: how the tracks are cleaned before the method
     bodies: int | str | None = None  #: number of clusters, or "auto", where it is not the scene's number of bodies
 
     def words(self, names: tuple[str, ...] = ()) -> str:
@@ -59,8 +61,10 @@ class Setting:
                 parts.append(f"noise {value:g}" if value else "no noise")
             elif name == "gaps" and names and not value:
                 parts.append("no gaps")
+            elif name == "corruption" and names and not value:
+                parts.append("as tracked")
             elif value not in (None, ""):
-                parts.append(value if name == "scene" else f"{name} {value}")
+                parts.append(value if name in ("scene", "corruption", "observations") else f"{name} {value}")
         return ", ".join(parts)
 
     @property

@@ -205,12 +205,17 @@ RULES = (
     Rule(r"nrsfm run experiment=noise .*dataset=.*", "method=edsc noise.level=0.02"),
     Rule(r"nrsfm run experiment=noise method=.*", "dataset=face_yoga noise.level=0.02 noise.repeat=0"),
     Rule(r"nrsfm run experiment=noise", "dataset=face_yoga noise.level=0.02 noise.repeat=0 method=edsc,adaptive"),
+    Rule(r"nrsfm run experiment=cleaning", "dataset=face_yoga corruption=outliers_05 method=bmm_ssc3d_share70"),
     Rule(r"nrsfm run experiment=gaps", "dataset=face_yoga gaps.share=0.1 method=edsc"),
     Rule(r"nrsfm run experiment=(hopkins155|count_hopkins155)", "dataset.scene=1R2RC", data=True),
     Rule(r"nrsfm run experiment=table[12] .*", "dataset=face_yoga"),
     Rule(r"nrsfm run experiment=(table1|table2|tables)", "dataset=face_yoga method=edsc,adaptive"),
     Rule(r"nrsfm run experiment=dancers", "method=edsc"),
     Rule(r"nrsfm run experiment=ours_search", "dataset=face_yoga setting=short method.max_iter=5"),
+    Rule(r"nrsfm run experiment=adaptive_search", "dataset=face_yoga noise.level=0 method.l1=[0.1,0.5]"),
+    Rule(r"nrsfm run experiment=cameras", "dataset=face_yoga noise.level=0 cameras=refined"),
+    Rule(r"nrsfm run experiment=smoothing", "dataset=face_yoga noise.level=0 method.smoothing=30"),
+    Rule(r"nrsfm run experiment=ablation", "dataset=face_yoga noise.level=0 cameras=known method=adaptive"),
     Rule(r"nrsfm run experiment=table3", "dataset.take=p2_free_2 method=edsc", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=table4", "dataset.face=1", codes=(2,)),  # its files are absent
     Rule(r"nrsfm run experiment=two_person", "dataset.take=salsa_01 cameras=known method=edsc", data=True),

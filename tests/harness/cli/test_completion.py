@@ -56,7 +56,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("report table1 --folder out conv", ["convergence"]),
         ("bless ", ["quick", "tables"]),
         ("solve tracks.npz --method adaptive_ap", ["adaptive_apart"]),
-        ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
+        ("solve tracks.npz --cameras ", ["auto", "known", "estimated", "refined"]),
         ("solve tracks.npz method.max_", ["method.max_iter="]),
         ("bless quick comp", ["compare=", "compare."]),
         ("run lim", ["limits.memory_gb=", "limits.seconds=", "limits.sweep_seconds="]),
@@ -80,10 +80,10 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("run method=edsc method.clusterer.dim", ["method.clusterer.dimension="]),
         ("run method=a,b dataset=[ method=no method.l", ["method.l1="]),  # what cannot be used is passed over
         ("run hydra/launcher=jo", ["hydra/launcher=joblib"]),
-        ("run 'cameras=", ["cameras=estimated", "cameras=known"]),
+        ("run 'cameras=", ["cameras=estimated", "cameras=known", "cameras=refined"]),
         ("solve tracks.npz ", ["threads=", "cameras.", "limits.", "method."]),
         ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k11", "bmm_ssc3d_share70"]),
-        ("solve tracks.npz --cameras ", ["auto", "known", "estimated"]),
+        ("solve tracks.npz --cameras ", ["auto", "known", "estimated", "refined"]),
     ],
 )
 def test_what_may_stand_next(ask: Ask, line: str, offered: list[str]) -> None:

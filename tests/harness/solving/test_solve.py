@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.metrics import n_wrong
 from nrsfm.harness.record.errors import UsageError
-from nrsfm.harness.solving.folder import NAMES
+from nrsfm.harness.solving.folder import NAMES, VIEW
 from nrsfm.harness.solving.solution import Solution
 from nrsfm.harness.solving.solve import load, solve
 from nrsfm.methods.base import Method, MethodError, Observations, Reconstruction
@@ -89,7 +90,7 @@ def test_two_bodies_are_told_apart(
     assert ("e_3D" in said) == (write is not to_csv)
     if write is not to_csv:
         assert float(said["e_3D"].split()[0]) < 0.12
-    folder = tmp_path / "out/solve/tracks.npz"
+    (folder,) = (tmp_path / "out/solve").iterdir()
     assert names(folder) == NAMES
     assert not list(folder.parent.glob(".*"))  # nothing half
 
@@ -136,7 +137,8 @@ def test_what_is_written_agrees(scene: Scene, tmp_path: Path) -> None:
     told = list(csv.DictReader((folder / "labels.csv").open()))
     assert {row["track"]: row["true_label"] for row in told} == {f"m{p}": "AB"[p // 15] for p in range(30)}
     cameras = np.loadtxt(folder / "cameras.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(cameras[:, 1:].reshape(-1, 2, 3), R, rtol=1e-12)
+    np.testing.assert_allclose(cameras[:, 1:7].reshape(-1, 2, 3), R, rtol=1e-12)
+    assert (cameras[:, 7] == 1).all() and (folder / "outliers.csv").read_text() == "frame,track,residual\n"
     pairs = list(csv.DictReader((folder / "affinity.csv").open()))
     assert len(pairs) == np.count_nonzero(np.triu(solution.affinity, k=1))
     clouds = sorted((folder / "ply").iterdir())
@@ -149,6 +151,10 @@ def test_what_is_written_agrees(scene: Scene, tmp_path: Path) -> None:
     assert (folder / "summary.txt").read_text() == f"{solution}\n"
     record = json.loads((folder / "result.json").read_text())
     assert record["metrics"]["n_wrong"] == 0 and record["data"] == solution.scene.digest
+    trust = solution.trust
+    assert trust is not None and record["trust"]["verdict"] == trust.verdict
+    assert str(solution).splitlines()[1] == f"trust         {trust}" and "<dt>trust</dt>" in (folder / VIEW).read_text()
+    np.testing.assert_allclose(record["trust"]["tracks"], trust.tracks, rtol=1e-3)
 
 
 def read_ply(path: Path) -> Any:
@@ -163,12 +169,40 @@ def read_ply(path: Path) -> Any:
     return points
 
 
+def test_outliers_and_zoom_are_taken_out_and_listed(scene: Scene, tmp_path: Path) -> None:
+    """Structure is at scale 1; both switches leave the tracks as they are."""
+    spoilt = scene.with_corruption(outliers=0.03, zoom=0.3, zooming="random")
+    bad = spoilt.tracks != scene.with_corruption(zoom=0.3, zooming="random").tracks
+    solution, plain = solve(spoilt), solve(scene)
+    assert solution.scales is not None and solution.outliers is not None and solution.structure is not None
+    assert solution.metrics["n_wrong"] == 0 and solution.metrics["e_3d"] < 1.3 * plain.metrics["e_3d"]
+    assert solution.metrics["reprojection"] < 0.02
+    assert (solution.outliers & bad.any(axis=1)).sum() > 0.9 * bad.any(axis=1).sum()
+    factors = np.linalg.norm(scene.with_corruption(zoom=0.3, zooming="random").tracks, axis=(1, 2))
+    factors /= np.linalg.norm(scene.tracks, axis=(1, 2))
+    assert np.std(np.log(solution.scales / factors)) < 0.02
+    facts = dict(solution.facts())
+    assert re.fullmatch(r"\d+ of the observations \(\d\.\d+%\), on \d+ of the tracks; taken .*", facts["outliers"])
+    assert re.match(r"from 0\.\d+ to 1\.\d+, taken out", facts["image scale"])
+    folder = solution.save(tmp_path / "found")
+    rows = list(csv.DictReader((folder / "outliers.csv").open()))
+    record = json.loads((folder / "result.json").read_text())
+    assert {(row["frame"], row["track"]) for row in rows} == {(o["frame"], o["track"]) for o in record["outliers"]}
+    assert len(rows) == solution.outliers.sum()
+    assert np.median([float(row["residual"]) for row in rows]) > 10 * np.sqrt(np.mean(spoilt.tracks**2)) * 0.02
+    np.testing.assert_allclose(record["scales"], solution.scales)
+    off = solve(spoilt, overrides=["observations.robust=false", "observations.scale=false"], max_iter=3)
+    assert off.scales is None and off.outliers is None and "image scale" not in dict(off.facts())
+
+
 def test_the_structure_reprojects_in_the_units_of_the_file(scene: Scene, tmp_path: Path) -> None:
     mine = load(to_csv(tmp_path, scene))
     solution = solve(mine, 2)
-    assert solution.structure is not None and solution.cameras is not None
-    off = np.linalg.norm(mine.tracks - solution.cameras @ solution.structure, axis=1)
-    rms = np.sqrt(np.mean(off**2))
+    assert solution.structure is not None and solution.cameras is not None and solution.outliers is not None
+    kept = np.where(solution.outliers[:, None], np.nan, mine.tracks)
+    off = kept - np.nanmean(kept, axis=2, keepdims=True) - solution.cameras @ solution.structure
+    off -= np.nanmean(off, axis=2, keepdims=True)
+    rms = np.sqrt(np.nanmean(np.sum(off**2, axis=1)))
     assert rms < 0.5  # pixels, of some 100
     assert f"{rms:.3g} in their units" in str(solution)
 
@@ -198,8 +232,9 @@ def test_any_method_and_setting(scene: Scene, tmp_path: Path, nrsfm: Shell) -> N
     held = names(tmp_path / "labels only")
     assert held == NAMES - {"structure.csv", "cameras.csv", "ply"}
     assert "cameras       not used" in done.stdout and "reprojection" not in done.stdout
-    done = nrsfm("solve", path, "--method", "bmm", "--cameras", "estimated", "--rank", "3", "method.max_iter=50")
-    assert done.returncode == 0 and "from the tracks, K = 3" in done.stdout and "bodies" not in done.stdout
+    for cameras, said in (("estimated", "the tracks, K = 3"), ("refined", "the tracks, K = 3, refined")):
+        done = nrsfm("solve", path, "--method", "bmm", "--cameras", cameras, "--rank", "3", "method.max_iter=50")
+        assert done.returncode == 0 and f"from {said}\n" in done.stdout and "bodies" not in done.stdout
     again = nrsfm("solve", path, "method.max_iter=2")
     assert "2 iterations" in again.stdout and "NOT below the tolerance" in again.stdout
     assert "bodies" in again.stdout  # its own folder, written anew
@@ -307,7 +342,11 @@ def test_a_method_that_fails_is_one_line(
 
     monkeypatch.setattr(AdaptiveMultiBody, "reconstruct", fail)
     done = nrsfm("solve", str(to_npz(tmp_path, scene)))
-    said = {RuntimeError: "RuntimeError: it broke;", MemoryError: "not enough memory", MethodError: "it cannot"}
+    said = {
+        RuntimeError: "RuntimeError: it broke (solving/test_solve.py:",
+        MemoryError: "not enough memory",
+        MethodError: "it cannot",
+    }
     assert done.returncode == 2 and said[type(error)] in done.stderr and len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out/solve").exists()
 
@@ -395,6 +434,7 @@ def readers_folder(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """A folder as the README's reader has it."""
     for write in (to_npz, to_mat, to_csv):
         write(tmp_path, scene)
+    shutil.copy(tmp_path / "tracks.npz", tmp_path / "dancers.npz")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -415,7 +455,7 @@ def test_the_lines_of_the_readme(readers_folder: Path, monkeypatch: pytest.Monke
     assert isinstance(held["solution"], Solution) and held["solution"].metrics["n_wrong"] == 0
     assert names(readers_folder / "found") == NAMES
     page = Path(opened[0].removeprefix("file://"))
-    assert "<title>tracks</title>" in page.read_text()
+    assert "<title>dancers</title>" in page.read_text()
     page.unlink()
     page.parent.rmdir()
 
@@ -425,11 +465,13 @@ def test_the_commands_of_the_documents(readers_folder: Path, nrsfm: Shell) -> No
         command for text in (section(), PAGE.read_text()) for command in re.findall(r"(?m)^(?:    )?nrsfm (.*)$", text)
     ]
     commands = list(dict.fromkeys(found))
-    assert len(commands) == 5
-    for command in commands:
+    assert len(commands) == 8
+    for command in (command.partition("#")[0].strip() for command in commands):
+        if command == "data example":
+            (readers_folder / "dancers.npz").unlink()
         done = nrsfm(*command.split(), *(["dataset.name=mine"] if command.startswith("run") else []))
         assert done.returncode == 0, done.stderr
-        assert "wrong" in done.stdout
+        assert "wrong" in done.stdout or command.startswith("data")
 
 
 @pytest.mark.data

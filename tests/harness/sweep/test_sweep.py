@@ -175,8 +175,11 @@ def test_stale_records_are_renewed_when_asked(nrsfm: Shell, tmp_path: Path) -> N
     record = json.loads(path.read_text())
     record["environment"]["numpy"] = "1.0"
     path.write_text(json.dumps(record))
-    assert "nothing to run, 2 done before" in nrsfm(*words).stdout
+    told = nrsfm(*words).stdout
+    assert "nothing to run, 2 done before" in told and "changed since 1 of them ran; rerun=stale" in told
+    assert "! the code or a library changed since 1 ran; rerun=stale" in nrsfm("plan", *words[1:]).stdout
     assert "1 run, 1 done before" in nrsfm(*words, "rerun=stale").stdout
+    assert "rerun=stale" not in nrsfm(*words).stdout
     assert "nothing to run, 2 done before" in nrsfm(*words, "rerun=stale").stdout
 
 

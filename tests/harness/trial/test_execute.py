@@ -20,7 +20,7 @@ from nrsfm.harness.evaluate import reconstruct
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.outcome import Outcome
-from nrsfm.harness.record.trial import Trial, digest
+from nrsfm.harness.record.trial import OPTIONAL, Trial, digest
 from nrsfm.harness.trial import worker
 from nrsfm.harness.trial.execute import execute
 from nrsfm.harness.trial.identity import identify
@@ -127,14 +127,15 @@ def test_a_trial_reports_its_stages(settings: Settings) -> None:
         def __call__(self, *iteration: object) -> None:
             pass
 
-    for cameras in ("known", "estimated"):
+    estimation = {"known": [], "estimated": ["cameras"], "refined": ["cameras", "cameras and structure"]}
+    for cameras, before in estimation.items():
         words = ["dataset.points=8", "dataset.frames=12", "method=bmm_ssc3d", f"cameras={cameras}"]
         ((trial, _),) = expand(words)
         listener = Listener()
         blank = Outcome("k", "s", "failed", "d", "m", cameras, "", "", 0.0, 0)
         worker.compute(trial, blank, settings.data, False, progress=listener)
         own = ["method", "structure", "clustering", "metrics"]
-        assert listener.stages == ["scene", *(["cameras"] if cameras == "estimated" else []), *own]
+        assert listener.stages == ["scene", *before, *own]
 
 
 def test_damaged_record_counts_as_not_done(trial: Trial, settings: Settings) -> None:
@@ -290,8 +291,50 @@ def test_gaps_of_nothing_are_no_setting() -> None:
         for words in ([], ["gaps=random", "gaps.share=0"], ["gaps.length=9"], ["gaps.share=0.3"])
     )
     assert {trial.setting for trial in others} == {plain.setting} and not plain.gaps
-    before = {name: value for name, value in asdict(plain).items() if name != "gaps"}
+    before = {name: value for name, value in asdict(plain).items() if name not in OPTIONAL}
     assert plain.setting == digest(before)
+
+
+def test_corruption_and_cleaning_from_the_configuration_to_the_arrays(settings: Settings) -> None:
+    words = [
+        "dataset.points=12",
+        "dataset.frames=24",
+        "method=bmm_ssc3d",
+        "corruption=outliers_05",
+        "corruption.zoom=0.2",
+    ]
+    given, cleaned = (trial for trial, _ in expand([*words, "observations=as_given,cleaned"]))
+    assert given.corruption == cleaned.corruption and "outliers 0.05, smooth zoom 0.2" in given.title
+    assert not given.observations and "robust, scale" in cleaned.title and given.setting != cleaned.setting
+    worse, better = (execute(trial, settings)[0] for trial in (given, cleaned))
+    assert worse.status == better.status == "ok", better.error
+    assert better.gaps == "outliers 0.05, smooth zoom 0.2, robust, scale" != worse.gaps
+    assert better.metrics["e_3d"] < worse.metrics["e_3d"]
+    arrays = storage.read_arrays(settings.trials / better.key / storage.ARRAYS)
+    assert 0.02 < arrays["outliers"].mean() < 0.1 and np.ptp(arrays["scales"]) > 0.2
+    assert "scales" not in storage.read_arrays(settings.trials / worse.key / storage.ARRAYS)
+
+
+def test_corruption_of_nothing_is_no_setting() -> None:
+    plain, *others = (
+        expand(["method=edsc", *words])[0][0]
+        for words in ([], ["corruption=zoom", "corruption.zoom=0"], ["corruption.zooming=random"])
+    )
+    assert {trial.setting for trial in others} == {plain.setting} and not plain.corruption
+    switched = expand(["method=edsc", "observations=cleaned", "observations.robust=false", "observations.scale=false"])
+    assert switched[0][0].setting == plain.setting
+
+
+def test_a_method_without_gap_handling_gets_completed_tracks(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where outliers were taken out of whole tracks."""
+    scene = load_scene(expand(["dataset.points=12", "dataset.frames=24", "method=edsc"])[0][0].dataset, settings.data)
+    monkeypatch.setattr(ClusterTracks, "handles_gaps", False)
+    robust = {"robust": True, "scale": False}
+    spoilt = scene.with_corruption(outliers=0.05)
+    found = reconstruct.reconstruct(spoilt, ClusterTracks(EDSC()), 2, {"source": "known"}, robust)
+    assert found.cleaned is not None and found.cleaned.visible is not None and found.labels is not None
 
 
 def test_a_method_that_does_not_handle_gaps_is_never_given_any(
