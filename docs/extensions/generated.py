@@ -32,6 +32,8 @@ GROUPS = {
     "cameras": "Where the cameras come from.",
     "noise": "Noise on the tracks.",
     "gaps": "Observations that are dropped.",
+    "corruption": "Faults of a tracker that are put into the tracks.",
+    "observations": "What is taken out of the tracks before a method sees them.",
     "method": "The method that reconstructs and clusters.",
     "part": "What methods are composed of: `method.clusterer` and `method.reconstructor` of a pipeline.",
     "experiment": "Named sweeps: `experiment=NAME`.",
