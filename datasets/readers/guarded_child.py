@@ -159,7 +159,7 @@ def mat73(path: str, room: int, *names: str) -> dict[str, Any]:
 
 
 def h5(path: str, room: int, *names: str) -> dict[str, Any]:
-    """Arrays of numbers and of words in an HDF5 file of another program, as :func:`mat73`."""
+    """Arrays of numbers and of words in an HDF5 file of another program, as :func:`mat73`, and MATLAB's too."""
     os.environ["HDF5_PLUGIN_PRELOAD"] = "::"
     import h5py
     import numpy as np
@@ -167,6 +167,8 @@ def h5(path: str, room: int, *names: str) -> dict[str, Any]:
     arrays: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
         stored = {name: _hdf5_kind(file, name) for name in file}
+        if any("MATLAB_class" in file[name].attrs for name, kind in stored.items() if kind not in ("link", "group")):
+            return mat73(path, room, *names)
         for name in (name for name in names if name in stored):
             value = _hdf5_stored(file, name)
             if h5py.check_string_dtype(value.dtype) is None:

@@ -390,7 +390,7 @@ def test_verb_get_says_what_could_not_be_had(
     lines = err.splitlines()
     assert len(lines) == 2, "one line for the server, one for what follows"
     assert lines[0].startswith("g/0 and 4 more: ") and "connection refused" in lines[0]
-    assert "5 of 6" in lines[1] and "procedural scenes" in lines[1]
+    assert "5 of 6" in lines[1] and "experiment=dancers" in lines[1]
 
 
 def test_verb_get_into_a_folder_that_cannot_be_written(
