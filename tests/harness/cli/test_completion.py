@@ -61,7 +61,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("bless quick comp", ["compare=", "compare."]),
         ("run lim", ["limits.memory_gb=", "limits.seconds=", "limits.sweep_seconds="]),
         ("run -m method=edsc -m noise.l", ["noise.level="]),
-        ("data ", ["list", "get", "verify", "where"]),
+        ("data ", ["list", "get", "verify", "where", "example"]),
         ("data get dri", ["drink", "drink.mat"]),
         ("list d", ["datasets"]),
         ("new ", ["method", "dataset"]),
@@ -81,7 +81,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         ("run method=a,b dataset=[ method=no method.l", ["method.l1="]),  # what cannot be used is passed over
         ("run hydra/launcher=jo", ["hydra/launcher=joblib"]),
         ("run 'cameras=", ["cameras=estimated", "cameras=known", "cameras=refined"]),
-        ("solve tracks.npz ", ["threads=", "cameras.", "limits.", "method."]),
+        ("solve tracks.npz ", ["threads=", "cameras.", "limits.", "method.", "observations."]),
         ("solve tracks.npz --method bmm_", ["bmm_lrr3d", "bmm_ssc3d", "bmm_ssc3d_k11", "bmm_ssc3d_share70"]),
         ("solve tracks.npz --cameras ", ["auto", "known", "estimated", "refined"]),
     ],
