@@ -13,8 +13,10 @@ import scipy.fft
 
 from nrsfm.methods.base import Array, Mask, Method, MethodError, Observations, Reconstruction, check_count, standardise
 
-#: Weight of the velocities' energy where tracks have gaps, in standardised units.
+#: Weight of the velocities' energy where tracks do not determine the basis, in standardised units.
 GAPS = 1e-3
+#: Least over largest singular value of the system, below which whole tracks do not determine the basis.
+DETERMINED = 1e-6
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -59,11 +61,12 @@ def trajectory_basis(n_frames: int, rank: int) -> Array:
 def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None = None) -> Array:
     """The (F, 3, P) structure on the basis that minimises |W - R S|: least squares for each point.
 
-    W = R (Theta x I_3) A = Lambda A, (2F, 3K) times (3K, P), eq. (7) of the conference paper. Of several solutions, as
-    for cameras that move too little, that of the least norm. Where tracks have gaps, hidden rows are left out, and the
-    translation of such a frame is the visible points' mean. What is left hardly determines the basis: over half of the
-    frames the cosines are nearly dependent. So :data:`GAPS` times the sum of k^2 |a_k|^2 over the vectors k is added,
-    the energy of the points' velocities, which is free for a point at rest.
+    W = R (Theta x I_3) A = Lambda A, (2F, 3K) times (3K, P), eq. (7) of the conference paper. Where tracks have gaps,
+    hidden rows are left out, and the translation of such a frame is the visible points' mean. What is left hardly
+    determines the basis: over half of the frames the cosines are nearly dependent. So :data:`GAPS` times the sum of
+    k^2 |a_k|^2 over the vectors k is added, the energy of the points' velocities, which is free for a point at rest.
+    The same is added where whole tracks do not determine the basis: where the least singular value of Lambda is below
+    :data:`DETERMINED` of the largest, as for many vectors over few frames, or a camera that turns too little.
 
     Parameters
     ----------
@@ -77,11 +80,14 @@ def fit_trajectories(W: Array, cameras: Array, rank: int, visible: Mask | None =
     F, _, P = W.shape
     Theta = trajectory_basis(F, rank)
     Lambda = np.einsum("fij,fk->fikj", cameras, Theta).reshape(2 * F, 3 * rank)
+    velocity = np.diag(np.sqrt(GAPS) * np.repeat(np.arange(rank), 3))
     if visible is None:
-        A = np.linalg.lstsq(Lambda, W.reshape(2 * F, P), rcond=None)[0]
+        A, _, _, sizes = np.linalg.lstsq(Lambda, W.reshape(2 * F, P), rcond=None)
+        if sizes[-1] < DETERMINED * sizes[0]:
+            right = np.concatenate([W.reshape(2 * F, P), np.zeros((3 * rank, P))])
+            A = np.linalg.lstsq(np.vstack([Lambda, velocity]), right, rcond=None)[0]
     else:
         A = np.empty((3 * rank, P))
-        velocity = np.diag(np.sqrt(GAPS) * np.repeat(np.arange(rank), 3))
         for p in range(P):
             seen = np.repeat(visible[:, p], 2)
             right = np.concatenate([W[:, :, p].reshape(2 * F)[seen], np.zeros(3 * rank)])

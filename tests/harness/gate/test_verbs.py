@@ -71,15 +71,15 @@ WORSE = '''
 from nrsfm.methods.structure import bmm
 
 
-class WrongSign(bmm.BMM):
-    """BMM whose nuclear-norm step grows the singular values that it should shrink."""
+class NoShrinking(bmm.BMM):
+    """BMM whose nuclear-norm step leaves the singular values that it should shrink."""
 
     def reconstruct(self, observations, n_bodies=1):
         right = bmm.singular_value_threshold
 
         def wrong(M, threshold):
             shrunk, norm = right(M, threshold)
-            return 2 * M - shrunk, norm
+            return M, norm
 
         bmm.singular_value_threshold = wrong
         return super().reconstruct(observations, n_bodies)
@@ -89,19 +89,19 @@ class WrongSign(bmm.BMM):
 @pytest.mark.parametrize(
     "worse",
     [
-        "method.reconstructor.algorithm=wrong_sign",
+        "method.reconstructor.algorithm=no_shrinking",
         pytest.param("method.reconstructor.tol=0.1", marks=pytest.mark.slow),
     ],
 )
 def test_a_worsened_method_is_caught(
     nrsfm: Shell, naughty_package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, worse: str
 ) -> None:
-    """A wrong sign, and a looser stop."""
+    """A step that does nothing, and a looser stop."""
     (naughty_package / "worse.py").write_text(WORSE)
     info = naughty_package / "worse-1.0.dist-info"
     info.mkdir(exist_ok=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: worse\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[nrsfm.methods]\nwrong_sign = worse:WrongSign\n")
+    (info / "entry_points.txt").write_text("[nrsfm.methods]\nno_shrinking = worse:NoShrinking\n")
     monkeypatch.syspath_prepend(str(naughty_package))
     path = tmp_path / "mine.json"
     scene = ("method=bmm_ssc3d", "dataset.frames=60", "dataset.points=16")

@@ -199,7 +199,7 @@ class TestHtml:
     def test_verdicts_have_symbol_words_and_tone(self, table1_answers: Answers) -> None:
         text = writers.html(build("table1", table1_answers))
         cell = text[text.index("0.0603") - 250 : text.index("0.0603") + 200]
-        assert 'class="bad first"' in cell
+        assert 'class="cell bad first"' in cell
         assert "not reproduced (worse)" in cell
         assert "↑ +4" in cell
 
