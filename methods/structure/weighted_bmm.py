@@ -79,7 +79,7 @@ class WeightedBMM(Method):
         return Reconstruction(structure=S * data.scale, cameras=cameras)
 
     def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """Bytes of ten arrays of 3F x P, as measured."""
+        """Bytes of ten arrays of 3F x P."""
         return 8.0 * 10 * 3 * n_frames * n_points
 
     def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
