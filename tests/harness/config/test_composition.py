@@ -63,7 +63,7 @@ FORMS = (
     "limits.seconds=1e2",
     "~sweep",
     "+own={a: ${n_bodies}}",
-    "output='/tmp/a?b#c%20d'",
+    "output='a?b#c%20d'",
     "pairs='dance_yoga,face_yoga'",
     "tracking=server",
     "tracking.uri=sqlite:///a.db",
