@@ -10,14 +10,25 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-import scipy.sparse as sp
 
 from nrsfm.datasets.body import centre, observed
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.alignment import centre_bodies, polar_factor, procrustes
-from nrsfm.harness.evaluate.matching import matched
+from nrsfm.harness.evaluate.alignment import centre_bodies, procrustes
+from nrsfm.harness.evaluate.errors import (
+    affinity_between,
+    e_3d,
+    e_3d_centred,
+    e_3d_dai,
+    e_3d_procrustes,
+    e_3d_total,
+    e_r,
+    frame_errors,
+    n_wrong,
+    norm,
+)
 from nrsfm.harness.evaluate.metric_type import NO_CAMERAS, NO_LABELS, NO_STRUCTURE, Absent, Estimate, Metric, needed
-from nrsfm.methods.base import Array, Labels, Reconstruction
+from nrsfm.harness.evaluate.reprojection import given, image_residuals
+from nrsfm.methods.base import Array, Reconstruction
 from nrsfm.methods.clustering.spectral import MOST, eigengaps
 from nrsfm.methods.numerics.linear import axes
 
@@ -66,101 +77,6 @@ def brief(values: Mapping[str, float], n_points: int | None) -> list[str]:
     return [m.brief.format(values[m.name], n_points) for m in METRICS if m.brief and m.name in values]
 
 
-def reprojection_rms(scene: Scene, found: Reconstruction) -> float:
-    """Root mean square distance of the visible tracks from R S, in their units, each frame's translation removed.
-
-    Where the tracks were cleaned, it is that of the cleaned ones, in units of the tracks at scale 1. NaN where the
-    reconstruction has no structure or no cameras.
-    """
-    if found.structure is None or found.cameras is None:
-        return float("nan")
-    off = image_residuals(scene, found)
-    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
-
-
-def tracks_of(scene: Scene, found: Reconstruction) -> Array:
-    """(F, 2, P) tracks that the method was given: the cleaned ones, where they were cleaned."""
-    return scene.tracks if found.cleaned is None else found.cleaned.tracks
-
-
-def image_residuals(scene: Scene, found: Reconstruction) -> Array:
-    """W - R S - t 1', (F, 2, P), t the best translation of each frame; NaN where tracks are not visible.
-
-    The reconstruction has structure and cameras.
-    """
-    return centre(centre(tracks_of(scene, found)) - needed(found.cameras) @ needed(found.structure))
-
-
-def e_3d(estimate: Array, truth: Array) -> float:
-    """The paper's error, eq. (22): mean over frames of |S_est - S_gt|_F / |S_gt|_F, both (F, 3, P).
-
-    Frames in which nothing is known do not count.
-    """
-    return float(np.nanmean(frame_errors(estimate, truth)))
-
-
-def frame_errors(estimate: Array, truth: Array) -> Array:
-    """|S_est - S_gt|_F / |S_gt|_F of each frame, (F,), both (F, 3, P); NaN where nothing is known."""
-    size = _norm(truth, (1, 2))
-    error = _norm(estimate - truth, (1, 2))
-    return np.asarray(np.divide(error, size, out=np.full(len(size), np.nan), where=size > 0))
-
-
-def e_3d_total(estimate: Array, truth: Array) -> float:
-    """|S_est - S_gt|_F / |S_gt|_F over the whole sequence."""
-    return float(_norm(estimate - truth) / _norm(truth))
-
-
-def e_3d_procrustes(estimate: Array, truth: Array) -> float:
-    """:func:`e_3d` after the best orthogonal matrix of each frame."""
-    return e_3d(polar_factor(np.nan_to_num(truth) @ np.nan_to_num(estimate).transpose(0, 2, 1)) @ estimate, truth)
-
-
-def e_3d_dai(estimate: Array, truth: Array) -> float:
-    """Mean distance over frames and points, over the mean standard deviation of the truth's rows.
-
-    The number of the older literature; Dai, Li, He, CVPR 2012, after Akhter et al. 2011.
-    """
-    return float(np.nanmean(np.linalg.norm(estimate - truth, axis=1)) / np.nanstd(truth, axis=2).mean())
-
-
-def e_3d_centred(estimate: Array, truth: Array, labels: Labels) -> float:
-    """:func:`e_3d` after each body (true labels) is centred per frame: shape alone, without placement."""
-    return e_3d(centre_bodies(estimate, labels), centre_bodies(truth, labels))
-
-
-def e_r(estimate: Array, truth: Array) -> float:
-    """Mean over frames of the spectral norm of R_est - R_gt, (F, 2, 3), after one orthogonal matrix."""
-    turned = estimate @ polar_factor(np.einsum("fij,fik->jk", estimate, truth))
-    return float(np.linalg.norm(turned - truth, ord=2, axis=(1, 2)).mean())
-
-
-def n_wrong(estimate: Labels, truth: Labels) -> int:
-    """Number of tracks that are wrongly labelled under the best one-to-one matching of clusters to bodies.
-
-    Where there are more clusters than bodies, or fewer, all tracks of those without a match are wrong.
-    """
-    return int((matched(estimate, truth) != truth).sum())
-
-
-def affinity_between(affinity: Array | sp.sparray, truth: Labels) -> float:
-    """Share of the affinity that joins tracks of different bodies; 0 for a block-diagonal affinity."""
-    if sp.issparse(affinity):
-        pairs = sp.coo_array(affinity)
-        joins = pairs.row != pairs.col
-        total = pairs.data[joins].sum(dtype=float)
-        between = pairs.data[truth[pairs.row] != truth[pairs.col]].sum(dtype=float)
-    else:
-        total = affinity.sum() - np.trace(affinity)
-        between = affinity[truth[:, None] != truth[None, :]].sum()
-    return float(between / total) if total > 0 else 1.0
-
-
-def _norm(X: Array, axis: tuple[int, ...] | None = None) -> Array:
-    """Frobenius norm of the entries that are not NaN."""
-    return np.asarray(np.sqrt(np.nansum(X**2, axis=axis)))
-
-
 def _part(estimate: Estimate, visible: bool) -> float:
     """e_3d over the points that were observed, or over those that were not."""
     part = needed(estimate.scene.visible) == visible
@@ -192,8 +108,8 @@ def _by_body(estimate: Estimate) -> dict[int, float]:
 
 
 def _reprojection(estimate: Estimate) -> float:
-    tracks = tracks_of(estimate.scene, estimate.found)
-    return float(_norm(image_residuals(estimate.scene, estimate.found)) / _norm(centre(tracks)))
+    tracks, found = given(estimate.scene, estimate.found).tracks, estimate.found
+    return float(norm(image_residuals(tracks, needed(found.cameras), needed(found.structure))) / norm(centre(tracks)))
 
 
 def _rotation(estimate: Estimate) -> float:

@@ -21,7 +21,8 @@ import numpy as np
 
 from nrsfm.datasets.body import centre
 from nrsfm.datasets.scene import Scene
-from nrsfm.methods.base import Array, Cleaned, Reconstruction
+from nrsfm.harness.evaluate.reprojection import given, image_residuals, rms
+from nrsfm.methods.base import Array, Reconstruction
 from nrsfm.methods.numerics.linear import axes
 from nrsfm.methods.structure.rotation import orthonormality
 from nrsfm.methods.structure.uncertainty import deviations
@@ -145,17 +146,16 @@ def trust(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> Trust 
     """
     if found.structure is None or found.cameras is None:
         return None
-    given = found.cleaned or Cleaned(scene.tracks, scene.visible)
-    R, S, W = found.cameras, centre(found.structure), centre(given.tracks)
-    spread = float(np.nanstd(W, axis=2).mean())
-    off = centre(W - R @ S)
-    deviation = deviations(S, R, given.visible).mean(axis=0)
+    images = given(scene, found)
+    R, S = found.cameras, centre(found.structure)
+    spread = float(np.nanstd(images.tracks, axis=2).mean())
+    deviation = deviations(S, R, images.visible).mean(axis=0)
     turn = camera_turn(R)
     lack = CIRCLE / max(turn, 1e-3)
     depth = DEPTH * (float(deviation.mean()) / spread * lack) ** POWER
     cameras = 0.0 if known_cameras else CAMERAS * orthonormality(R @ S, R) * lack**2
-    images = IMAGES * float(np.sqrt(np.nanmean(np.sum(off**2, axis=1)))) / spread
-    total = float(np.sqrt(depth**2 + cameras**2 + images**2))
+    misfit = IMAGES * rms(image_residuals(images.tracks, R, S)) / spread
+    total = float(np.sqrt(depth**2 + cameras**2 + misfit**2))
     expected = total / float(np.hypot(1, total / UNKNOWN))
     depths = np.einsum("fi,fip->fp", axes(R)[:, 2], S)
     tracks = expected * spread * deviation / max(float(deviation.mean()), np.finfo(float).tiny)
@@ -164,14 +164,14 @@ def trust(scene: Scene, found: Reconstruction, *, known_cameras: bool) -> Trust 
         expected=expected,
         depth=depth,
         cameras=cameras,
-        images=images,
+        images=misfit,
         turn=turn,
         depth_ratio=float(depths.std(axis=1).mean()) / spread,
         tracks=tracks,
         worst=scene.track_ids[worst] if scene.track_ids else str(worst),
         estimated=not known_cameras,
-        outliers=0.0 if given.outliers is None else float(given.outliers.mean()),
-        zoom=1.0 if given.scales is None else float(given.scales.max() / given.scales.min()),
+        outliers=0.0 if images.outliers is None else float(images.outliers.mean()),
+        zoom=1.0 if images.scales is None else float(images.scales.max() / images.scales.min()),
     )
 
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from nrsfm.datasets.scene import Scene
 from nrsfm.harness.evaluate.matching import matched, readable
 from nrsfm.harness.evaluate.metric_type import Estimate
-from nrsfm.harness.evaluate.metrics import METRICS, by_frame, reprojection_rms, values_of
+from nrsfm.harness.evaluate.metrics import METRICS, by_frame, values_of
+from nrsfm.harness.evaluate.reprojection import reprojection_rms
 from nrsfm.harness.evaluate.trust import Trust
 from nrsfm.harness.record.environment import environment
 from nrsfm.harness.record.errors import UsageError

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, clone
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.harness.evaluate.reconstruct import check as check_parts
 from nrsfm.methods.base import Method, MethodError, Observations, Reconstruction
 

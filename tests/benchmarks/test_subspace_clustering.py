@@ -16,7 +16,7 @@ import pytest
 import scipy.sparse as sp
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.clustering.spectral import spectral_clustering
 from nrsfm.methods.clustering.ssc import SSC
 from nrsfm.methods.clustering.ssc_omp import SSCOMP

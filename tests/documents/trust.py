@@ -1,8 +1,7 @@
 """Makes the table of docs/trust.md: the error that is expected beside the true one, on scenes good and bad.
 
-Scenes are solved as ``nrsfm solve`` does it, outliers and zoom taken out first: the eight pairs before cameras that turn
-slowly or not at all, with zoom, with outliers, and with files read in a wrong layout. All cases, one after the other,
-take a while.
+Scenes are solved as ``nrsfm solve`` does it, outliers and zoom taken out first: the eight pairs before cameras that
+turn slowly or not at all, with zoom, with outliers, and with files read in a wrong layout. All cases take a while.
 """
 
 from __future__ import annotations

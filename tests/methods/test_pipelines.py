@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate import metrics
+from nrsfm.harness.evaluate import errors
 from nrsfm.methods.base import Method, MethodError, Observations, standardise
 from nrsfm.methods.clustering.ssc import SSC
 from nrsfm.methods.pipelines import ClusterThenReconstruct, ClusterTracks, ReconstructThenCluster, lift, principal
@@ -52,7 +52,7 @@ def test_permuting_tracks_permutes_the_result(
     order = rng.permutation(small_scene.n_points)
     plain = pipelines[name].reconstruct(observed(small_scene), 2)
     mixed = pipelines[name].reconstruct(Observations(small_scene.tracks[:, :, order], small_scene.cameras), 2)
-    assert metrics.n_wrong(present(mixed.labels), present(plain.labels)[order]) == 0
+    assert errors.n_wrong(present(mixed.labels), present(plain.labels)[order]) == 0
     if plain.structure is not None:
         np.testing.assert_allclose(present(mixed.structure), plain.structure[:, :, order], atol=1e-5)
 
@@ -119,7 +119,7 @@ def test_clusters_are_placed_where_they_are() -> None:
     result = ClusterThenReconstruct(SSC(share=0.7), BMM(tol=1e-7), trajectory_order=1).reconstruct(
         Observations(project(R, S), R), 2
     )
-    assert metrics.n_wrong(present(result.labels), np.repeat([0, 1], P)) == 0
+    assert errors.n_wrong(present(result.labels), np.repeat([0, 1], P)) == 0
 
 
 def test_lift_is_exact_on_its_basis() -> None:
@@ -137,8 +137,8 @@ def test_cameras_of_a_rigid_scene_are_found() -> None:
     S = np.tile(rng.standard_normal((1, 3, 20)), (50, 1, 1))
     R = orbit(50, 4.0)
     tilt = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    assert metrics.e_r(estimate_cameras(project(R, S)), R) < 1e-8
-    assert metrics.e_r(estimate_cameras(project(R @ tilt, S)), R @ tilt) < 1e-8
+    assert errors.e_r(estimate_cameras(project(R, S)), R) < 1e-8
+    assert errors.e_r(estimate_cameras(project(R @ tilt, S)), R @ tilt) < 1e-8
 
 
 def test_cameras_of_flat_scenes_are_refused() -> None:

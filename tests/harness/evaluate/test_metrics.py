@@ -13,7 +13,7 @@ import pytest
 
 from nrsfm.datasets.readers.matfile import read_mat
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate import metrics
+from nrsfm.harness.evaluate import errors, metrics
 from nrsfm.harness.evaluate.alignment import align_polar, align_procrustes
 from nrsfm.harness.evaluate.metric_type import NO_CAMERAS, needed
 from nrsfm.methods.base import Reconstruction
@@ -38,27 +38,27 @@ def test_stored_reconstructions_have_their_published_errors(
 ) -> None:
     arrays = read_mat(data_folder / "mocap" / f"{sequence}.mat", ["S", "Shat"])
     truth, estimate = (arrays[name].reshape(frames, 3, points) for name in ("S", "Shat"))
-    measured = getattr(metrics, metric)(estimate, truth)
+    measured = getattr(errors, metric)(estimate, truth)
     assert round(measured, 4) == value
     if metric == "e_3d_dai":
         aligned = align_polar(estimate, truth)
-        assert round(metrics.e_3d_dai(aligned, truth), 4) == value
+        assert round(errors.e_3d_dai(aligned, truth), 4) == value
 
 
 @pytest.mark.data
 def test_procrustes_is_not_the_polar_rule(data_folder: Path) -> None:
     arrays = read_mat(data_folder / "mocap" / "pickup.mat", ["S", "Shat"])
     truth, estimate = (arrays[name].reshape(357, 3, 41) for name in ("S", "Shat"))
-    assert round(metrics.e_3d_dai(align_procrustes(estimate, truth), truth), 4) == 0.2222
+    assert round(errors.e_3d_dai(align_procrustes(estimate, truth), truth), 4) == 0.2222
 
 
 def test_missegmentation_ignores_names() -> None:
     truth = np.repeat([0, 1, 2], [5, 7, 9])
-    assert metrics.n_wrong(np.array([4, 9, 1])[truth], truth) == 0
+    assert errors.n_wrong(np.array([4, 9, 1])[truth], truth) == 0
     wrong = truth.copy()
     wrong[[0, 6]] = 2
-    assert metrics.n_wrong(wrong, truth) == 2
-    assert metrics.n_wrong(np.array([1, 2, 0])[wrong], truth) == 2
+    assert errors.n_wrong(wrong, truth) == 2
+    assert errors.n_wrong(np.array([1, 2, 0])[wrong], truth) == 2
 
 
 def test_missegmentation_matches_a_slow_count(rng: np.random.Generator) -> None:
@@ -67,13 +67,13 @@ def test_missegmentation_matches_a_slow_count(rng: np.random.Generator) -> None:
     for _ in range(20):
         truth, found = rng.integers(0, 4, 30), rng.integers(0, 4, 30)
         slow = min(int((np.array(p)[found] != truth).sum()) for p in permutations(range(4)))
-        assert metrics.n_wrong(found, truth) == slow
+        assert errors.n_wrong(found, truth) == slow
 
 
 def test_merged_and_split_clusters_count() -> None:
     truth = np.repeat([0, 1], [6, 4])
-    assert metrics.n_wrong(np.zeros(10, int), truth) == 4
-    assert metrics.n_wrong(np.arange(10), truth) == 8
+    assert errors.n_wrong(np.zeros(10, int), truth) == 4
+    assert errors.n_wrong(np.arange(10), truth) == 8
 
 
 def test_unknown_truth_and_hidden_points_by_hand(small_scene: Scene, estimate: Reconstruction) -> None:
@@ -122,7 +122,7 @@ def test_unequal_numbers_of_clusters_and_bodies(rng: np.random.Generator) -> Non
         estimate[:found], truth[:true] = range(found), range(true)
         most = max(found, true)
         right = max(int((np.array(names)[estimate] == truth).sum()) for names in permutations(range(most)))
-        assert metrics.n_wrong(estimate, truth) == 30 - right
+        assert errors.n_wrong(estimate, truth) == 30 - right
 
 
 def test_counts(small_scene: Scene) -> None:
@@ -201,10 +201,10 @@ def test_the_truth_has_no_error(small_scene: Scene) -> None:
 def test_definitions_by_hand(small_scene: Scene, estimate: Reconstruction) -> None:
     S, T = needed(estimate.structure), needed(small_scene.structure)
     frames = [np.linalg.norm(S[f] - T[f]) / np.linalg.norm(T[f]) for f in range(len(T))]
-    assert metrics.e_3d(S, T) == pytest.approx(np.mean(frames))
+    assert errors.e_3d(S, T) == pytest.approx(np.mean(frames))
     stds = [np.std(T[f, i]) for f in range(len(T)) for i in range(3)]
     gaps = [np.linalg.norm(S[f, :, p] - T[f, :, p]) for f in range(len(T)) for p in range(T.shape[2])]
-    assert metrics.e_3d_dai(S, T) == pytest.approx(np.mean(gaps) / np.mean(stds))
+    assert errors.e_3d_dai(S, T) == pytest.approx(np.mean(gaps) / np.mean(stds))
 
 
 def test_what_is_absent_is_left_out(small_scene: Scene) -> None:
@@ -218,5 +218,5 @@ def test_what_is_absent_is_left_out(small_scene: Scene) -> None:
 def test_affinity_between_bodies() -> None:
     truth = np.repeat([0, 1], 3)
     block = np.kron(np.eye(2), np.ones((3, 3)))
-    assert metrics.affinity_between(block, truth) == 0
-    assert metrics.affinity_between(1 - block, truth) == 1
+    assert errors.affinity_between(block, truth) == 0
+    assert errors.affinity_between(1 - block, truth) == 1

@@ -23,7 +23,7 @@ import scipy.io
 from nrsfm.datasets.errors import DatasetError
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.solving.folder import NAMES, VIEW
 from nrsfm.harness.solving.solution import Solution

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from nrsfm.harness.config.settings import Settings
 from nrsfm.harness.config.spans import Request, expand
-from nrsfm.harness.evaluate.metrics import affinity_between
+from nrsfm.harness.evaluate.errors import affinity_between
 from nrsfm.harness.record import folder as storage
 from nrsfm.harness.sweep.plan import plan
 from nrsfm.harness.tracking.tracker import Tracker

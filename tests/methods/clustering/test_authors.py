@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nrsfm.datasets.real.mocap import load_scene
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.base import standardise
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer
 from nrsfm.methods.clustering.edsc import EDSC

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from sklearn.base import BaseEstimator
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.clustering.cuts import normalised_cut, recursive_cut
 from nrsfm.methods.clustering.edsc import EDSC, dense_code

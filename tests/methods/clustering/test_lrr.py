@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.clustering.lrr import LRR, low_rank_code
 from tests.methods.clustering.test_clustering import union

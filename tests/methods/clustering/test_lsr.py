@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.cluster import SpectralClustering
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.clustering.lsr import LSR, ridge_code
 from nrsfm.methods.clustering.neighbours import Neighbours

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.clustering.multiclass import discretise, rotation_cut
 from nrsfm.methods.clustering.spectral import CUTS, spectral_clustering
 from tests.methods.clustering.test_clustering import blocks

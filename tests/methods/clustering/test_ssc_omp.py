@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 from sklearn.linear_model import orthogonal_mp
 
-from nrsfm.harness.evaluate.metrics import n_wrong
+from nrsfm.harness.evaluate.errors import n_wrong
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.clustering import ssc_omp
 from nrsfm.methods.clustering.ssc_omp import SSCOMP, matching_pursuit

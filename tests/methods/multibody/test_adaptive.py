@@ -12,7 +12,7 @@ import scipy.fft
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.noise import add_noise
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
+from nrsfm.harness.evaluate.errors import e_3d, n_wrong
 from nrsfm.methods.base import MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody, AdaptiveProblem
 from nrsfm.methods.multibody.motion import directions, noise_variance

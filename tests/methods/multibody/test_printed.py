@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import e_3d, n_wrong
+from nrsfm.harness.evaluate.errors import e_3d, n_wrong
 from nrsfm.methods.base import Method, MethodError, Observations, standardise
 from nrsfm.methods.multibody.adaptive import AdaptiveMultiBody
 from nrsfm.methods.multibody.lagrangian import PrintedProblem

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nrsfm.datasets.cameras import orbit, project
 from nrsfm.datasets.real.mocap_body import load_single
-from nrsfm.harness.evaluate import metrics
+from nrsfm.harness.evaluate import errors, metrics
 from nrsfm.methods.base import Observations
 from nrsfm.methods.structure.pnd import PND, Distribution, Moments, align, descend, expected, fit, lift, tangents
 from nrsfm.methods.structure.rotation import estimate_cameras
@@ -136,7 +136,7 @@ def test_shapes_of_the_model_come_back(rng: np.random.Generator) -> None:
     values: list[float] = []
     observations = Observations(project(R, S), R, progress=lambda i, n, found: values.append(found["objective"]))
     found = present(PND(tol=1e-2).reconstruct(observations).structure)
-    assert metrics.e_3d_procrustes(found, S) < 0.02
+    assert errors.e_3d_procrustes(found, S) < 0.02
     assert np.all(np.diff(values) < 0)
 
 

@@ -10,7 +10,7 @@ import pytest
 from nrsfm.datasets.real.mocap import load_scene
 from nrsfm.datasets.real.mocap_body import load_single
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import e_r
+from nrsfm.harness.evaluate.errors import e_r
 from nrsfm.methods.base import MethodError
 from nrsfm.methods.numerics.linear import axes
 from nrsfm.methods.structure.refinement import Objective, refine_cameras, rotations, unsteadiness

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from nrsfm.datasets.generated import procedural
 from nrsfm.datasets.scene import Scene
-from nrsfm.harness.evaluate.metrics import e_3d
+from nrsfm.harness.evaluate.errors import e_3d
 from nrsfm.methods.base import Array, MethodError, Observations, standardise
 from nrsfm.methods.structure.bmm import BMM, fit_shape
 from nrsfm.methods.structure.smooth_bmm import IMAGES, SmoothBMM, Smoothness, fit_smooth
