@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
-from nrsfm.methods.base import Array, Labels
-from nrsfm.methods.clustering.spectral import spectral_clustering
+from nrsfm.methods.base import Array, Labels, check_word
+from nrsfm.methods.clustering.spectral import CUTS, spectral_clustering
 from nrsfm.methods.numerics.linear import unit_rows
 
 Code: TypeAlias = Array | sp.sparray
@@ -21,7 +21,7 @@ Code: TypeAlias = Array | sp.sparray
 class SubspaceClusterer(ClusterMixin, BaseEstimator):  # type: ignore[misc]
     """Cluster points by an affinity that comes from their code, which expresses each point by the others.
 
-    A subclass has the hyper-parameters ``n_clusters`` and ``seed``, and the steps of :meth:`fit`.
+    A subclass has the hyper-parameters ``n_clusters``, ``seed`` and perhaps ``cut``, and the steps of :meth:`fit`.
 
     Attributes
     ----------
@@ -41,6 +41,7 @@ class SubspaceClusterer(ClusterMixin, BaseEstimator):  # type: ignore[misc]
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Cluster the rows of X, shape (n_samples, n_features)."""
         points: Array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        check_word(self, "cut", CUTS)
         self._check_settings()
         self.code_ = self._express(points.T)
         n_clusters = self._count() if self.n_clusters is None else self.n_clusters

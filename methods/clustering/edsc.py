@@ -7,9 +7,9 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 import scipy.linalg
 
-from nrsfm.methods.base import Array, check_count, check_positive, check_word
+from nrsfm.methods.base import Array, check_count, check_positive
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer, shape_interaction
-from nrsfm.methods.clustering.spectral import CUTS, MOST, eigengaps
+from nrsfm.methods.clustering.spectral import MOST, eigengaps
 
 
 @dataclass(eq=False, repr=False)
@@ -49,7 +49,6 @@ class EDSC(SubspaceClusterer):
 
     def _check_settings(self) -> None:
         check_positive(self, "weight", "power")
-        check_word(self, "cut", CUTS)
         check_count(self, "dimension")
 
     def _express(self, X: Array) -> Array:

@@ -8,9 +8,8 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from nrsfm.methods.base import Array, MethodError, check_positive, check_word
+from nrsfm.methods.base import Array, MethodError, check_positive
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer
-from nrsfm.methods.clustering.spectral import CUTS
 from nrsfm.methods.numerics.linear import unit_rows
 
 
@@ -53,7 +52,6 @@ class EnSC(SubspaceClusterer):
 
     def _check_settings(self) -> None:
         check_positive(self, "gamma", "mixing")
-        check_word(self, "cut", CUTS)
         if self.mixing >= 1:
             raise MethodError(f"EnSC: mixing is {self.mixing}; below 1 is wanted, and 1 is SSC")
 

@@ -7,9 +7,8 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 import scipy.linalg
 
-from nrsfm.methods.base import Array, check_positive, check_word
+from nrsfm.methods.base import Array, check_positive
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer
-from nrsfm.methods.clustering.spectral import CUTS
 from nrsfm.methods.numerics.linear import without_diagonal
 
 
@@ -48,7 +47,6 @@ class LSR(SubspaceClusterer):
 
     def _check_settings(self) -> None:
         check_positive(self, "weight")
-        check_word(self, "cut", CUTS)
 
     def _express(self, X: Array) -> Array:
         return ridge_code(X, self.weight)

@@ -6,9 +6,8 @@ from dataclasses import KW_ONLY, dataclass
 
 import scipy.sparse as sp
 
-from nrsfm.methods.base import Array, check_count, check_word
+from nrsfm.methods.base import Array, check_count
 from nrsfm.methods.clustering.clusterer import SubspaceClusterer
-from nrsfm.methods.clustering.spectral import CUTS
 
 
 @dataclass(eq=False, repr=False)
@@ -46,7 +45,6 @@ class Neighbours(SubspaceClusterer):
 
     def _check_settings(self) -> None:
         check_count(self, "n_neighbours")
-        check_word(self, "cut", CUTS)
 
     def _express(self, X: Array) -> sp.csr_array:
         from sklearn.neighbors import kneighbors_graph  # slow to import, and who only builds methods needs none
