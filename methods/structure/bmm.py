@@ -5,6 +5,7 @@ Dai, Li, He, "A simple prior-free method for non-rigid structure-from-motion fac
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,47 @@ class ShapeFit:
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class BMM(Method):
+class ShapeMethod(Method):
+    """A method whose structure is that of one shape step, :meth:`_fit`, perhaps cut to a rank afterwards.
+
+    Parameters
+    ----------
+    rank : int or None
+        Cut the F x 3P structure to this rank afterwards.
+    """
+
+    provides = frozenset({"structure"})
+    handles_gaps = True
+
+    rank: int | None = None
+
+    def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
+        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
+        self._check_settings()
+        if self.rank is not None:
+            base.check_count(self, "rank")
+        cameras, visible = observations.required_cameras(), observations.visible
+        data = base.standardise(observations.tracks, visible)
+        observations.stage("structure")
+        S = self._fit(data.W, cameras, visible, observations.progress)
+        S = S if self.rank is None else cut_rank(S, self.rank)
+        return Reconstruction(structure=S * data.scale, cameras=cameras)
+
+    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
+        """Bytes of ten arrays of 3F x P, as measured for BMM."""
+        return 8.0 * 10 * 3 * n_frames * n_points
+
+    @abstractmethod
+    def _check_settings(self) -> None:
+        """Raise MethodError if a hyper-parameter is wrong."""
+
+    @abstractmethod
+    def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
+        """The (F, 3, P) structure of centred tracks."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class BMM(ShapeMethod):
     """min |S#|_* + 1/(2 l2) |W - R S|^2 with given cameras; l2 = 0 demands R S = W.
 
     Parameters
@@ -47,36 +88,18 @@ class BMM(Method):
         Stop when the relative primal and dual residuals are below it.
     """
 
-    provides = frozenset({"structure"})
-    handles_gaps = True
-
     l2: float = 0.0
-    rank: int | None = None
     max_iter: int = 6000
     tol: float = 1e-4
 
-    def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
-        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
+    def _check_settings(self) -> None:
         base.check_at_least(self, 0, "l2")
         base.check_count(self, "max_iter")
         base.check_positive(self, "tol")
-        if self.rank is not None:
-            base.check_count(self, "rank")
-        cameras, visible = observations.required_cameras(), observations.visible
-        data = base.standardise(observations.tracks, visible)
-        observations.stage("structure")
-        S = self._fit(data.W, cameras, visible, observations.progress)
-        S = S if self.rank is None else cut_rank(S, self.rank)
-        return Reconstruction(structure=S * data.scale, cameras=cameras)
 
     def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
-        """The (F, 3, P) structure of centred tracks."""
         fitted = fit_shape(W, cameras, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         return fitted.structure
-
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """Bytes of ten arrays of 3F x P, as measured."""
-        return 8.0 * 10 * 3 * n_frames * n_points
 
 
 def fit_shape(

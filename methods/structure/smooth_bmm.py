@@ -110,9 +110,11 @@ class SmoothBMM(BMM):
 
     smoothing: float = SMOOTHING
 
-    def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
-        """The (F, 3, P) structure of centred tracks."""
+    def _check_settings(self) -> None:
+        super()._check_settings()
         base.check_at_least(self, 0, "smoothing")
+
+    def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
         smoothness = Smoothness(cameras, self.smoothing)
         fitted = fit_smooth(W, smoothness, self.l2, visible, max_iter=self.max_iter, tol=self.tol, progress=progress)
         return fitted.structure

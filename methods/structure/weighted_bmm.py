@@ -17,15 +17,15 @@ import numpy as np
 import scipy.linalg
 
 from nrsfm.methods import base
-from nrsfm.methods.base import Array, Mask, Method, Observations, Progress, Reconstruction
+from nrsfm.methods.base import Array, Mask, Progress
 from nrsfm.methods.gaps import misfit
 from nrsfm.methods.numerics.admm import Admm
 from nrsfm.methods.numerics.proximal import weighted_singular_value_threshold
-from nrsfm.methods.structure.bmm import cut_rank
+from nrsfm.methods.structure.bmm import ShapeMethod
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class WeightedBMM(Method):
+class WeightedBMM(ShapeMethod):
     """The weighted nuclear norm under a penalty that grows from next to nothing.
 
     The penalty's schedule is part of the method: the thresholds theta / b run from more than every singular value to
@@ -52,38 +52,20 @@ class WeightedBMM(Method):
     Kumar, Van Gool, ECCV 2022, eq. (11) and algorithm 1.
     """
 
-    provides = frozenset({"structure"})
-    handles_gaps = True
-
     free: int = 1
     weight: float = 5e-3
     gamma: float = 1e-6
     penalty: float = 1e-4
     growth: float = 1.1
     max_penalty: float = 1e10
-    rank: int | None = None
     tol: float = 1e-10
 
-    def reconstruct(self, observations: Observations, n_bodies: int | None = 1) -> Reconstruction:
-        """See :meth:`nrsfm.methods.base.Method.reconstruct`; the number of bodies plays no part."""
+    def _check_settings(self) -> None:
         base.check_positive(self, "weight", "gamma", "penalty", "max_penalty", "tol")
         base.check_at_least(self, 1, "growth")
         base.check_count(self, "free", least=0)
-        if self.rank is not None:
-            base.check_count(self, "rank")
-        cameras, visible = observations.required_cameras(), observations.visible
-        data = base.standardise(observations.tracks, visible)
-        observations.stage("structure")
-        S = self._fit(data.W, cameras, visible, observations.progress)
-        S = S if self.rank is None else cut_rank(S, self.rank)
-        return Reconstruction(structure=S * data.scale, cameras=cameras)
-
-    def memory(self, n_frames: int, n_points: int, n_edges: int = 0) -> float:
-        """Bytes of ten arrays of 3F x P."""
-        return 8.0 * 10 * 3 * n_frames * n_points
 
     def _fit(self, W: Array, cameras: Array, visible: Mask | None, progress: Progress | None) -> Array:
-        """The (F, 3, P) structure of centred tracks."""
         F, _, P = W.shape
         Rt = cameras.transpose(0, 2, 1)
         S = Rt @ W
