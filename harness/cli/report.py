@@ -57,8 +57,7 @@ def main(argv: Sequence[str]) -> int:
     failed = sum(status not in (OK, ABSENT) for status in statuses)
     if missing:
         unrun = [name for name, group in report.answers.items() if any(run is None for _, run in group)]
-        words = [word for word in options.words if "=" in word]
-        commands = "; ".join(" ".join(["nrsfm run", f"experiment={name}", *words]) for name in unrun)
+        commands = "; ".join(" ".join(["nrsfm run", f"experiment={name}", *overrides]) for name in unrun)
         print(f"{missing} trials are not run yet: {commands}", file=sys.stderr)
     if absent:
         print(f"{absent} trials lack their data; the notes say how to get them", file=sys.stderr)

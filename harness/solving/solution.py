@@ -25,7 +25,8 @@ from nrsfm.harness.evaluate.trust import Trust
 from nrsfm.harness.record.environment import environment
 from nrsfm.harness.record.errors import UsageError
 from nrsfm.harness.record.folder import pack
-from nrsfm.harness.solving import export, folder
+from nrsfm.harness.solving import cleaning, export, folder
+from nrsfm.harness.solving.convergence import Convergence
 from nrsfm.methods.base import Array, Labels, Mask, Reconstruction
 from nrsfm.reports.figures.skeleton import stable_edges
 from nrsfm.reports.page.solution_page import Shown, view
@@ -36,26 +37,6 @@ NO_CAMERAS, FROM_FILE = "no cameras", "the file"
 NO_RESIDUAL = frozenset({"seconds", "operations", "objective"})
 
 UNSURE = "counted by the method, which is often wrong: give the number if you know it"
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """How an iteration ended: the number of iterations, the largest residual, the tolerance (None: it has none)."""
-
-    iterations: int
-    residual: float
-    tolerance: float | None
-
-    @property
-    def met(self) -> bool:
-        """Whether the residual is below the tolerance."""
-        return self.tolerance is not None and self.residual < self.tolerance
-
-    def __str__(self) -> str:
-        text = f"{self.iterations} iterations, residual {self.residual:.2g}"
-        if self.tolerance is None:
-            return text
-        return f"{text}, {'below' if self.met else 'NOT below'} the tolerance {self.tolerance:.2g}"
 
 
 @dataclass(frozen=True)
@@ -163,49 +144,26 @@ class Solution:
             return self.scene.edges
         return stable_edges(self.structure, self.labels)
 
+    @cached_property
+    def _outliers(self) -> list[dict[str, Any]]:
+        return cleaning.outlier_rows(self.scene, self.found, self.frames, self.ids)
+
     def facts(self) -> list[tuple[str, str]]:
         """Name and text of each line of the summary: sizes, method, bodies, errors, convergence, time."""
         scene = self.scene
         gaps = 0.0 if scene.visible is None else 1 - float(scene.visible.mean())
         return [
-            *(("trust", str(self.trust)) for _ in range(self.trust is not None)),
+            *([("trust", str(self.trust))] if self.trust else []),
             ("frames", str(scene.n_frames)),
             ("tracks", f"{scene.n_points}, {f'{gaps:.1%}' if gaps else 'none'} of the observations missing"),
             *(("note", note) for note in scene.notes),
-            *self._cleaning(),
+            *(cleaning.told(self.found.cleaned) if self.found.cleaned else []),
             ("method", self.method),
             ("cameras", f"from {self.cameras_from}" if self.cameras_from != NO_CAMERAS else "not used"),
             *self._bodies_and_metrics(),
             ("convergence", str(self.convergence or "the method records no iterations")),
             ("time", f"{self.seconds:.1f} s"),
         ]
-
-    def _cleaning(self) -> Iterator[tuple[str, str]]:
-        """What was taken out of the tracks."""
-        if (outliers := self.outliers) is not None:
-            n, tracks = int(outliers.sum()), int(outliers.any(axis=0).sum())
-            places = f"{n} of the observations ({outliers.mean():.2%}), on {tracks} of the tracks"
-            yield "outliers", f"{places}; taken for missing, listed in {folder.OUTLIERS}" if n else "none"
-        if (scales := self.scales) is not None:
-            words = (
-                f"from {scales.min():.3g} to {scales.max():.3g}, taken out; structure is in units of the tracks at 1"
-            )
-            yield "image scale", words if np.ptp(scales) else "no change that deformation does not explain"
-
-    def _outliers(self) -> list[dict[str, Any]]:
-        """Frame, track and residual of each outlier: its distance from R S, in units of the tracks at scale 1."""
-        cleaned = self.found.cleaned
-        if cleaned is None or cleaned.outliers is None:
-            return []
-        residuals = np.full(cleaned.outliers.shape, np.nan)
-        if self.structure is not None and self.cameras is not None:
-            images = self.cameras @ self.structure
-            shift = np.nanmean(cleaned.tracks - images, axis=2, keepdims=True)
-            scales = 1.0 if cleaned.scales is None else cleaned.scales[:, None, None]
-            residuals = np.linalg.norm(self.scene.tracks / scales - images - shift, axis=1)
-        places = np.argwhere(cleaned.outliers).tolist()
-        known = [(f, p, float(residuals[f, p]) if residuals[f, p] >= 0 else None) for f, p in places]
-        return [{"frame": self.frames[f], "track": self.ids[p], "residual": r} for f, p, r in known]
 
     def _bodies_and_metrics(self) -> Iterator[tuple[str, str]]:
         if self.labels is not None:
@@ -228,8 +186,8 @@ class Solution:
         ``reconstruction.npz`` (``structure`` (F, 3, P), ``labels`` (P,), ``cameras`` (F, 2, 3), ``affinity`` (P, P) or,
         where it is sparse, the rows, columns and values of its upper triangle; ``frame_ids``, ``track_ids``,
         ``bodies``), ``structure.csv``, ``labels.csv``, ``cameras.csv``, ``affinity.csv``, ``ply/frame_0000.ply`` and so
-        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Parts that there
-        are none of are left out.
+        on, ``outliers.csv``, ``view.html``, ``summary.txt``, ``result.json``. Absent parts are
+        left out.
 
         Returns the folder; raises UsageError if it holds anything else than a solution.
         """
@@ -251,7 +209,7 @@ class Solution:
         Raises
         ------
         UsageError
-            If the no structure to compare.
+            If the method gives no structure.
         """
         from nrsfm.reports.figures.animation import animate
 
@@ -322,8 +280,7 @@ class Solution:
             scale = {} if self.scales is None else {"scale": self.scales}
             export.write_csv(new / folder.CAMERAS, {"frame": self.frames, **dict(entries), **scale})
         if self.outliers is not None:
-            rows = self._outliers()
-            columns = {name: [row[name] for row in rows] for name in ("frame", "track", "residual")}
+            columns = {name: [row[name] for row in self._outliers] for name in ("frame", "track", "residual")}
             export.write_csv(new / folder.OUTLIERS, columns, "%.6g")
         if self.affinity is not None:
             export.write_affinity(new / folder.AFFINITY, self.affinity, self.ids)
@@ -340,7 +297,7 @@ class Solution:
             **({"trust": self.trust.record} if self.trust else {}),
             "facts": self.facts(),
             **({} if self.scales is None else {"scales": self.scales.tolist()}),
-            **({} if self.outliers is None else {"outliers": self._outliers()}),
+            **({} if self.outliers is None else {"outliers": self._outliers}),
             "metrics": self.metrics,
             "seconds": self.seconds,
             **({"iterations": end.iterations, "residual": end.residual, "tolerance_met": end.met} if end else {}),
